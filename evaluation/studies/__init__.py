@@ -1,0 +1,1 @@
+"""Studies: one file per published table or figure, with its expected numbers."""

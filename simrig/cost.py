@@ -1,0 +1,42 @@
+"""What a result cost: samples, simulated hardware time, compute time and bytes."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Cost:
+    """The price of a result; costs of successive steps add up.
+
+    Attributes:
+        samples: reflectance samples taken (distinct physical direction pairs).
+        hardware_seconds: simulated time of the measuring device, in seconds.
+        compile_seconds: time spent compiling kernels (first call), in seconds.
+        compute_seconds: time spent computing once compiled, in seconds.
+        bytes: storage of the result, in bytes.
+    """
+
+    samples: int = 0
+    hardware_seconds: float = 0.0
+    compile_seconds: float = 0.0
+    compute_seconds: float = 0.0
+    bytes: int = 0
+
+    def __add__(self, other: Cost) -> Cost:
+        return Cost(
+            self.samples + other.samples,
+            self.hardware_seconds + other.hardware_seconds,
+            self.compile_seconds + other.compile_seconds,
+            self.compute_seconds + other.compute_seconds,
+            self.bytes + other.bytes,
+        )
+
+    @property
+    def hardware_hours(self) -> float:
+        """Simulated time of the measuring device, in hours."""
+        return self.hardware_seconds / 3600.0
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the record as plain numbers (for JSON and file attributes)."""
+        return asdict(self)

@@ -1,0 +1,27 @@
+"""The one error that tells a user what was wrong with the input and what to do about it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SimrigError(ValueError):
+    """Bad input: one line that says what was wrong and what to do.
+
+    The command line prints the message without a traceback and exits with code 2.
+    """
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> SimrigError:
+    """Return the error for an unknown name, with the nearest known one.
+
+    Args:
+        kind: what is named, for example ``"material"``.
+        name: the name that was given.
+        known: every name that would have been accepted.
+    """
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    return SimrigError(f"unknown {kind} '{name}': {hint}known: {', '.join(names)}")

@@ -1,0 +1,1 @@
+"""Methods that turn a measurement into a reflectance."""

@@ -1,0 +1,1 @@
+"""Virtual rigs: what a measuring device would record, and what that costs."""

@@ -1,0 +1,1 @@
+"""Plans: where to measure."""
