@@ -1,0 +1,46 @@
+"""Shared fixtures: measured data where it is present, Mitsuba variants, one random generator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+try:
+    import simrig
+except ImportError as error:  # pragma: no cover
+    raise pytest.UsageError("simrig is not installed: run 'make install' first") from error
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture
+def shared_data() -> Callable[[str], Path]:
+    """Return a function that gives the path of a measured data file, or skips the test."""
+
+    def find(name: str) -> Path:
+        path = SHARED_DATA / name
+        if not path.exists():
+            pytest.skip(f"measured data '{name}' is not present beside the repository")
+        return path
+
+    return find
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Return a random generator with a fixed seed."""
+    return np.random.default_rng(20261122)
+
+
+@pytest.fixture
+def variant_llvm() -> Iterator[str]:
+    """Select ``llvm_ad_rgb`` with the simrig plugins registered."""
+    from simrig import backend
+
+    yield backend.select("llvm_ad_rgb")
+
+
+assert simrig.__version__
