@@ -1,0 +1,278 @@
+"""Where the one-dimensional slices lie in the four-dimensional BRDF space.
+
+A *slice* is a straight segment in the space of angles (theta_i, theta_v, phi_i, phi_v). In the
+subspace of two elevations, axial slices hold φ_v − φ_i = α and run along the mean azimuth
+(φ_i + φ_v)/2; diagonal slices hold φ_i + φ_v = β and run along the half difference
+(φ_v − φ_i)/2. Both coordinates keep their meaning when light and view change places (the mean
+azimuth stays, the half difference changes sign), which is why they, and not φ_v as in thesis
+equations 5.1 and 5.2, are the positions here. Horizontal slices run along theta_v; vertical ones
+are their reciprocals and are never measured.
+
+Source: thesis sections 5.1 and 5.4.1, appendix D.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from simrig.errors import SimrigError, unknown_name
+
+AXIAL, DIAGONAL, CIRCLE, HORIZONTAL = range(4)
+KIND_NAMES = ("axial", "diagonal", "circle", "horizontal")
+SLICE_TYPES = ("all", "axial_diagonal")
+
+# what lies beyond the two ends of a slice
+PERIODIC, MIRRORED, OPEN = range(3)
+
+# thesis Table 5.1: (largest number of samples, elevation step, azimuth step), in degrees
+TABLE_5_1: tuple[tuple[float, float, float], ...] = (
+    (667, 28, 180),
+    (932, 20, 180),
+    (1034, 16, 180),
+    (1060, 28, 60),
+    (2272, 20, 60),
+    (3230, 16, 60),
+    (4928, 14, 60),
+    (5645, 16, 36),
+    (9660, 14, 36),
+    (17096, 12, 36),
+    (20969, 10, 36),
+    (22291, 8, 36),
+    (33879, 12, 20),
+    (38735, 10, 20),
+    (79469, 8, 20),
+    (184655, 6, 20),
+    (np.inf, 6, 12),
+)
+
+
+@dataclass(frozen=True)
+class SlicePlacement:
+    """A regular placement of slices by elevation step, azimuth step and largest elevation.
+
+    Elevations are k·e_s and theta_max; axial and diagonal slices lie at multiples of a_s
+    (thesis section 5.4.1).
+
+    Args:
+        elevation_step: e_s in radians, in (0, theta_max].
+        azimuth_step: a_s in radians, a whole fraction 360°/a_n with a_n >= 2.
+        theta_max: largest elevation in radians, in (0, 90°).
+    """
+
+    elevation_step: float
+    azimuth_step: float
+    theta_max: float
+
+    def __post_init__(self) -> None:
+        e_s, a_s, top = np.degrees([self.elevation_step, self.azimuth_step, self.theta_max])
+        if not 0.0 < top < 90.0:
+            raise SimrigError(f"theta_max must lie between 0 and 90 degrees, got {top:g}")
+        if not 0.0 < e_s <= top:
+            raise SimrigError(
+                f"the elevation step must lie in (0, {top:g}] degrees (theta_max), got {e_s:g}"
+            )
+        count = 360.0 / a_s if a_s > 0.0 else 0.0
+        if not np.isfinite(count) or round(count) < 2 or abs(count - round(count)) > 1e-6:
+            raise SimrigError(
+                f"the azimuth step must divide 360 degrees into at least 2 parts, got {a_s:g}"
+            )
+
+    @classmethod
+    def from_degrees(
+        cls, elevation_step_deg: float, azimuth_step_deg: float, theta_max_deg: float = 80.0
+    ) -> SlicePlacement:
+        """Return the placement for steps given in degrees.
+
+        Raises:
+            SimrigError: for steps that do not fit (see the class).
+        """
+        return cls(*np.radians([elevation_step_deg, azimuth_step_deg, theta_max_deg]).tolist())
+
+    @cached_property
+    def elevations(self) -> np.ndarray:
+        """All measured elevations in radians, shape (e_n,), from 0 to theta_max."""
+        count = int(np.ceil(self.theta_max / self.elevation_step - 1e-9))
+        return np.append(np.arange(count) * self.elevation_step, self.theta_max)
+
+    @property
+    def elevation_count(self) -> int:
+        """e_n, the number of elevations."""
+        return len(self.elevations)
+
+    @property
+    def azimuth_count(self) -> int:
+        """a_n, the number of slices of one kind in a subspace."""
+        return round(2.0 * np.pi / self.azimuth_step)
+
+    @property
+    def intersections(self) -> int:
+        """n_0, the number of distinct physical direction pairs where slices cross.
+
+        Light and view may change places, and at theta = 0 the azimuth does not matter.
+        """
+        e, a = self.elevation_count - 1, self.azimuth_count
+        return e * (e - 1) * a * a + e * (a * a + a) + 2 * e * a + 1
+
+    def describe(self) -> str:
+        """Return the steps in words, for example ``e_s = 14°, a_s = 36°, theta_max = 80°``."""
+        e_s, a_s, top = np.degrees([self.elevation_step, self.azimuth_step, self.theta_max])
+        return f"e_s = {e_s:g}°, a_s = {a_s:g}°, theta_max = {top:g}°"
+
+    def corner_samples(self) -> np.ndarray:
+        """Return which distinct sample lies at every intersection.
+
+        Returns:
+            int array (e_n, e_n, a_n, 2·a_n), indexed by theta_i, theta_v, α and half steps of the
+            mean azimuth, with values 0..intersections − 1.
+        """
+        e_n, a_n = self.elevation_count, self.azimuth_count
+        i, v, j, k = np.indices((e_n, e_n, a_n, 2 * a_n), sparse=False)
+        turn = 2 * a_n
+        # the same pair with light and view exchanged: α → −α, mean azimuth shifted by 180°
+        j_swap = (-j) % a_n
+        k_swap = np.where(j == 0, k, (k + a_n) % turn)
+
+        def key(i, v, j, k):  # a unique number for a corner, azimuths at the pole dropped
+            on_circle = (i == 0) | (v == 0)
+            phi = np.where(i == 0, (k + j) % turn, (k - j) % turn)
+            phi = np.where((i == 0) & (v == 0), 0, phi)
+            j, k = np.where(on_circle, 0, j), np.where(on_circle, phi, k)
+            return ((i * e_n + v) * a_n + j) * turn + k
+
+        keys = np.minimum(key(i, v, j, k), key(v, i, j_swap, k_swap))
+        return np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
+
+
+    def corner_angles(self) -> np.ndarray:
+        """Return (theta_i, theta_v, phi_i, phi_v) of every distinct intersection, (n_0, 4)."""
+        corners = self.corner_samples()
+        first = np.unique(corners, return_index=True)[1]
+        i, v, j, k = np.unravel_index(first, corners.shape)
+        half = self.azimuth_step / 2.0
+        phi = np.where(i == 0, 0.0, (k - j) * half), np.where(v == 0, 0.0, (k + j) * half)
+        return np.stack([self.elevations[i], self.elevations[v], *phi], axis=1)
+
+
+def optimal_placement(samples: int, theta_max_deg: float = 80.0) -> SlicePlacement:
+    """Return the placement that thesis Table 5.1 recommends for a wished number of samples.
+
+    Args:
+        samples: wished number of samples.
+        theta_max_deg: largest elevation in degrees.
+
+    Raises:
+        SimrigError: when even the sparsest placement has more intersections than ``samples``.
+    """
+    for largest, e_s, a_s in TABLE_5_1:
+        if samples <= largest:
+            placement = SlicePlacement.from_degrees(min(e_s, theta_max_deg), a_s, theta_max_deg)
+            break
+    if placement.intersections > samples:
+        raise SimrigError(
+            f"{samples} samples are too few: the placement {placement.describe()} has "
+            f"{placement.intersections} intersections; ask for at least that many"
+        )
+    return placement
+
+
+@dataclass(frozen=True)
+class Slices:
+    """The measured slices of a placement, as flat arrays with one entry per slice.
+
+    Attributes:
+        kind: AXIAL, DIAGONAL, CIRCLE (the subspace (0, theta)) or HORIZONTAL.
+        origin: (S, 4) angles (theta_i, theta_v, phi_i, phi_v) at position 0, in radians.
+        direction: (S, 4) change of these angles per radian of position.
+        ends: PERIODIC, MIRRORED (at 0 and ``length``) or OPEN.
+        length: period or length in radians.
+        first_knot: (S + 1,) where the knots of a slice begin in the arrays below.
+        position: (K,) positions of the intersections along their slice, ascending.
+        sample: (K,) the distinct sample at that intersection.
+        index: per slice, the integers that place it (theta_i, theta_v, α or β, mean azimuth).
+    """
+
+    kind: np.ndarray
+    origin: np.ndarray
+    direction: np.ndarray
+    ends: np.ndarray
+    length: np.ndarray
+    first_knot: np.ndarray
+    position: np.ndarray
+    sample: np.ndarray
+    index: np.ndarray
+
+    def angles(self, slice_index: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """Return (theta_i, theta_v, phi_i, phi_v), shape (n, 4), at positions along slices."""
+        return self.origin[slice_index] + self.direction[slice_index] * position[:, None]
+
+
+def build_slices(placement: SlicePlacement, slice_types: str = "all") -> Slices:
+    """Return every distinct slice of a placement with its intersections.
+
+    Where theta_i = theta_v, the axial slices α and −α are one, α = 180° has the period 180°, and
+    a diagonal slice is mirror symmetric; only the distinct part is listed.
+
+    Args:
+        placement: where the slices lie.
+        slice_types: ``"all"`` or ``"axial_diagonal"`` (no horizontal slices).
+
+    Raises:
+        SimrigError: for unknown slice types.
+    """
+    if slice_types not in SLICE_TYPES:
+        raise unknown_name("slice types", slice_types, SLICE_TYPES)
+    corners = placement.corner_samples()
+    elevations = placement.elevations
+    e_n, a_n = placement.elevation_count, placement.azimuth_count
+    half = placement.azimuth_step / 2.0
+    turn = 2 * a_n
+    steps = np.arange(turn) * half
+    parts: list[tuple] = []  # kind, ends, length, index, origin, direction, positions, samples
+
+    for v in range(1, e_n):  # the subspaces (0, theta): one circle
+        parts.append(
+            (CIRCLE, PERIODIC, 2 * np.pi, (0, v, 0, 0), (0, elevations[v], 0, 0), (0, 0, 0, 1))
+            + (steps, corners[0, v, 0])
+        )
+    for i in range(1, e_n):
+        for v in range(i, e_n):
+            theta = (elevations[i], elevations[v])
+            same = i == v
+            for j in range(a_n // 2 + 1 if same else a_n):
+                knots = a_n if same and 2 * j == a_n else turn
+                parts.append(
+                    (AXIAL, PERIODIC, knots * half, (i, v, j, 0), (*theta, -j * half, j * half))
+                    + ((0, 0, 1, 1), steps[:knots], corners[i, v, j, :knots])
+                )
+            for b in range(a_n):
+                around = np.concatenate([corners[i, v, :, b], corners[i, v, :, b + a_n]])
+                knots = a_n + 1 if same else turn
+                parts.append(
+                    (DIAGONAL, MIRRORED if same else PERIODIC, np.pi if same else 2 * np.pi)
+                    + ((i, v, b, 0), (*theta, b * half, b * half), (0, 0, -1, 1))
+                    + (steps[:knots], around[:knots])
+                )
+    if slice_types == "all":
+        for i in range(e_n):
+            for j in range(a_n if i else 1):
+                for k in range(turn):
+                    origin = (elevations[i], 0, k * half - j * half, k * half + j * half)
+                    parts.append(
+                        (HORIZONTAL, OPEN, placement.theta_max, (i, 0, j, k), origin, (0, 1, 0, 0))
+                        + (elevations, corners[i, :, j, k])
+                    )
+    kind, ends, length, index, origin, direction, position, sample = zip(*parts, strict=True)
+    return Slices(
+        kind=np.array(kind),
+        origin=np.array(origin, dtype=np.float64),
+        direction=np.array(direction, dtype=np.float64),
+        ends=np.array(ends),
+        length=np.array(length, dtype=np.float64),
+        first_knot=np.concatenate([[0], np.cumsum([len(p) for p in position])]),
+        position=np.concatenate(position),
+        sample=np.concatenate(sample),
+        index=np.array(index),
+    )
