@@ -1,0 +1,63 @@
+# `make demo` and `make test` set everything up first; both are quick when it is already there.
+
+VENV ?= .venv
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+# pytest workers; each limits its own Dr.Jit threads
+WORKERS ?= 2
+
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
+SOURCES := simrig plugins scenes evaluation tests
+
+.PHONY: help install demo test test-quick lint types format doctor clean
+
+help:
+	@echo "make demo        set up, then run the main job into output/demo"
+	@echo "make test        set up, then everything: ruff, mypy and every test"
+	@echo "make test-quick  the tests that take seconds"
+	@echo "make lint        ruff and mypy"
+	@echo "make format      let ruff rewrite the code"
+	@echo "make doctor      say what is missing and how to get it"
+	@echo "make install     set up only"
+	@echo "make clean       remove what these commands made"
+
+install: $(READY)
+
+# again only when the list of packages changed; libLLVM is looked for with simrig's own check
+$(READY): pyproject.toml .ci/setup
+	@.ci/setup "$(PYTHON)" "$(VENV)"
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/simrig demo --output output/demo
+
+# the tests run even when the linters fail, so that one run shows everything
+test: $(READY)
+	@status=0; \
+	$(MAKE) --no-print-directory lint || status=$$?; \
+	$(PYTEST) || status=$$?; \
+	exit $$status
+
+test-quick: $(READY)
+	@$(PYTEST) -m "not slow"
+
+lint: $(READY) types
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/ruff format --check $(SOURCES)
+
+# mypy does not follow the package-dir map of pyproject.toml, so it is shown the installed layout
+types: $(READY)
+	@mkdir -p .types/simrig && find .types -type l -delete
+	@ln -s $(addprefix ../../,$(wildcard simrig/*) plugins scenes evaluation) .types/simrig
+	cd .types && ../$(BIN)/mypy --config-file ../pyproject.toml -p simrig
+
+format: $(READY)
+	$(BIN)/ruff check --fix $(SOURCES)
+	$(BIN)/ruff format $(SOURCES)
+
+doctor: $(READY)
+	$(BIN)/simrig doctor
+
+clean:
+	rm -rf $(VENV) .types build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis output
