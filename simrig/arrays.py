@@ -82,7 +82,9 @@ def vector_type(float_type: type) -> type:
     import importlib
 
     module = importlib.import_module(float_type.__module__)
-    return getattr(module, "Array3f64" if dr.type_v(float_type) == dr.VarType.Float64 else "Array3f")
+    return getattr(
+        module, "Array3f64" if dr.type_v(float_type) == dr.VarType.Float64 else "Array3f"
+    )
 
 
 def float_type(v: Array) -> type:
@@ -120,7 +122,7 @@ def gather(source: Array, index: Array, active: Array = True) -> Array:
 
 
 def gather_colour(source: Array, index: Array, like: Array, active: Array = True) -> Array:
-    """Read the RGB triple number ``index`` of a flat array of triples, as a colour like ``like``."""
+    """Read RGB triple number ``index`` of a flat array of triples, as a colour like ``like``."""
     if is_numpy(index):
         return source.reshape(-1, 3)[index]
     if isinstance(index, int):
@@ -157,3 +159,11 @@ def to_device(value: np.ndarray, float_type: type, colour_type: type | None = No
         return make(*(dr.opaque(float_type, float(c)) for c in value))
     precision = np.float64 if dr.type_v(float_type) == dr.VarType.Float64 else np.float32
     return float_type(np.ascontiguousarray(value, dtype=precision).reshape(-1))
+
+
+def epsilon(x: Array) -> float:
+    """Return the spacing of floats just above 1 in the precision of ``x``."""
+    if is_numpy(x):
+        return float(np.finfo(x.dtype).eps)
+    single = not isinstance(x, float | int) and dr.type_v(type(x)) == dr.VarType.Float32
+    return float(np.finfo(np.float32 if single else np.float64).eps)

@@ -1,6 +1,7 @@
 """Directions as (theta, phi) and as unit vectors.
 
-theta is measured from +z (the surface normal), phi from +x towards +y; both in radians.
+theta is measured from +z (the surface normal), phi from +x towards +y; both in radians. All
+functions take NumPy arrays, Dr.Jit arrays and plain floats (see ``simrig.arrays``).
 """
 
 from __future__ import annotations
@@ -11,36 +12,67 @@ from simrig.arrays import Array, components, is_numpy, namespace, vector
 
 TWO_PI = 2.0 * np.pi
 
+# Horizontal lengths below this are taken for the pole. It is the smallest that every float type
+# holds with full precision (CUDA flushes smaller float32 numbers to zero).
+_POLE = 1e-37
+
 
 def to_vector(theta: Array, phi: Array) -> Array:
     """Return unit vectors for elevations ``theta`` and azimuths ``phi`` (radians).
 
+    Any angles are accepted: theta beyond π/2 points below the horizon, a negative theta to the
+    other side of the pole, and phi is periodic. theta = 0 gives exactly (0, 0, 1) whatever phi.
+
     Args:
         theta: elevation from the normal, any shape (NumPy) or width (Dr.Jit).
         phi: azimuth, broadcastable to ``theta``.
+
+    Returns:
+        NumPy array of shape (..., 3) or the Dr.Jit 3-vector of the type of the angles.
     """
-    if not is_numpy(theta) and isinstance(theta, int | float) and is_numpy(phi):
-        theta = np.asarray(theta, dtype=np.float64)
-    xp = namespace(theta)
+    if not is_numpy(theta) and isinstance(theta, int | float):
+        theta = np.asarray(theta, dtype=np.float64) if is_numpy(phi) else float(theta)
+    if not is_numpy(phi) and isinstance(phi, int):
+        phi = float(phi)
+    xp, xp_phi = namespace(theta), namespace(phi)
     sin_theta = xp.sin(theta)
-    return vector(sin_theta * xp.cos(phi), sin_theta * xp.sin(phi), xp.cos(theta))
+    return vector(sin_theta * xp_phi.cos(phi), sin_theta * xp_phi.sin(phi), xp.cos(theta))
 
 
 def to_angles(v: Array) -> tuple[Array, Array]:
-    """Return (theta, phi) of unit vectors; phi in [0, 2π), and 0 at the pole.
+    """Return (theta, phi) of vectors; theta in [0, π], phi in [0, 2π), phi = 0 at the poles.
 
-    The elevation comes from ``atan2`` of the horizontal length, which keeps full precision at
-    the pole where ``acos(z)`` loses half of the digits.
+    The elevation comes from ``atan2`` of the horizontal length, which keeps full relative
+    precision at the pole where ``acos(z)`` loses half of the digits. Vectors need not be
+    normalised.
+
+    Args:
+        v: NumPy array of shape (..., 3) or Dr.Jit 3-vector.
     """
     x, y, z = components(v)
+    length, cos_phi, sin_phi = horizontal(x, y)
+    return namespace(x).atan2(length, z), azimuth(cos_phi, sin_phi)
+
+
+def horizontal(x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Return the length of (x, y) and the cosine and sine of its azimuth.
+
+    Scaled before squaring, so that nothing underflows next to the pole; at the pole itself the
+    azimuth is 0. Derivatives are finite everywhere.
+    """
     xp = namespace(x)
-    theta = xp.atan2(xp.sqrt(x * x + y * y), z)
-    return theta, azimuth(x, y)
+    largest = xp.maximum(xp.abs(x), xp.abs(y))
+    at_pole = largest < _POLE
+    scale = xp.select(at_pole, 1.0, largest)
+    u, v = xp.select(at_pole, 1.0, x / scale), xp.select(at_pole, 0.0, y / scale)
+    norm = xp.sqrt(u * u + v * v)
+    return xp.select(at_pole, 0.0, largest * norm), u / norm, v / norm
 
 
 def azimuth(x: Array, y: Array) -> Array:
-    """Return the azimuth of (x, y) in [0, 2π)."""
-    return wrap_angle(namespace(x).atan2(y, x))
+    """Return the azimuth of (x, y) in [0, 2π), and 0 for (±0, ±0)."""
+    # Dr.Jit takes (-0, 0) for azimuth 0, NumPy for π: adding 0 turns -0 into 0
+    return wrap_angle(namespace(x).atan2(y, x + 0.0))
 
 
 def wrap_angle(phi: Array, period: float = TWO_PI) -> Array:
@@ -49,3 +81,22 @@ def wrap_angle(phi: Array, period: float = TWO_PI) -> Array:
     wrapped = phi - period * xp.floor(phi * (1.0 / period))
     # in floating point the result can round up to the period itself, or fall just below zero
     return xp.select((wrapped >= period) | (wrapped < 0.0), 0.0 * wrapped, wrapped)
+
+
+def wrap_difference(phi: Array, period: float = TWO_PI) -> Array:
+    """Wrap an azimuth difference into [-period/2, period/2): the short way round."""
+    return wrap_angle(phi + 0.5 * period, period) - 0.5 * period
+
+
+def canonical(theta: Array, phi: Array) -> tuple[Array, Array]:
+    """Return the angles of the same direction with theta in [0, π] and phi in [0, 2π).
+
+    An elevation beyond the pole (negative, or above π) comes back on the other side, half a
+    turn further in azimuth; at the poles phi becomes 0. In-range angles are returned unchanged.
+    """
+    xp = namespace(theta)
+    around = wrap_difference(theta)
+    inside = (theta >= 0.0) & (theta <= np.pi)
+    folded = xp.select(inside, theta, xp.abs(around))
+    turned = xp.select(inside | (around >= 0.0), phi, phi + np.pi)
+    return folded, xp.select((folded == 0.0) | (folded == np.pi), 0.0, wrap_angle(turned))
