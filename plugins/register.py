@@ -1,5 +1,26 @@
 """Registration of the simrig BSDFs, once per Mitsuba variant."""
 
+from __future__ import annotations
 
-def register() -> None:
-    """Register every simrig plugin in the current variant."""
+from simrig.plugins.adapter import define_adapter
+from simrig.plugins.named import PLUGINS
+
+_ADAPTERS: dict[str, type] = {}
+
+
+def register() -> type:
+    """Register every simrig plugin in the current variant; a second call does nothing.
+
+    Returns:
+        The adapter class of the variant.
+    """
+    import mitsuba as mi
+
+    variant = mi.variant()
+    if variant not in _ADAPTERS:
+        adapter = define_adapter()
+        for name, build in PLUGINS.items():
+            body = {"build": staticmethod(build), "__doc__": build.__doc__}
+            mi.register_bsdf(name, type(name, (adapter,), body))
+        _ADAPTERS[variant] = adapter
+    return _ADAPTERS[variant]

@@ -1,0 +1,226 @@
+"""The one adapter that turns any reflectance into a Mitsuba BSDF.
+
+A class made under one Mitsuba variant cannot be used under another, so the class is defined by a
+function that ``register`` calls once per variant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from simrig.arrays import Array, to_device
+from simrig.errors import SimrigError
+from simrig.plugins.lobes import Lobe, Mixture, mixture_pdf, sample_mixture
+from simrig.plugins.sampling import fit_mixture, fitted
+from simrig.plugins.spectral import Upsampler
+from simrig.reflectance.protocol import Reflectance
+
+
+def define_adapter() -> type:
+    """Return the adapter class for the current Mitsuba variant."""
+    import mitsuba as mi
+
+    glossy = mi.BSDFFlags.GlossyReflection
+    all_flags = (
+        glossy | mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.Anisotropic | mi.BSDFFlags.FrontSide
+    )
+    is_jit = mi.Float is not float
+    upsample = Upsampler()
+
+    class ReflectanceBSDF(mi.BSDF):  # type: ignore[misc]
+        """A reflectance as a Mitsuba BSDF: one-sided, one component.
+
+        Mitsuba's ``si.wi`` is the view direction in radiance mode and the illumination in
+        importance mode; the value returned is f_r times the cosine of ``wo`` in both, as in
+        Mitsuba's own BSDFs.
+        """
+
+        def __init__(
+            self, props: Any, reflectance: Reflectance | None = None, rotation_deg: float = 0.0
+        ) -> None:
+            super().__init__(props)
+            if reflectance is None:
+                rotation_deg = props.get("rotation", 0.0)
+                reflectance = self.build(props)
+            self.reflectance = reflectance
+            self.data = _device_copies(reflectance, mi)
+            self.mixture_host = fitted(reflectance)
+            self.mixture = _on_device(self.mixture_host, mi)
+            self.rotation = _number(float(rotation_deg), mi)
+            self._turn()
+            self.m_components = [all_flags]
+            self.m_flags = all_flags
+
+        @staticmethod
+        def build(props: Any) -> Reflectance:
+            """Return the reflectance that the properties describe; named plugins override it."""
+            raise SimrigError("this plugin is made by simrig.plugins.make_bsdf, not by name")
+
+        # -- the interface of Mitsuba ------------------------------------------------------------
+
+        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            if not self._enabled(ctx):
+                return mi.Spectrum(0.0)
+            active, local_i, local_o = self._local(si, wo, active)
+            return self._value(ctx, si, local_i, local_o) & active
+
+        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            if not self._enabled(ctx):
+                return mi.Float(0.0)
+            active, local_i, local_o = self._local(si, wo, active)
+            return dr.select(active, self._density(local_i, local_o), 0.0)
+
+        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            if not self._enabled(ctx):
+                return mi.Spectrum(0.0), mi.Float(0.0)
+            active, local_i, local_o = self._local(si, wo, active)
+            value = self._value(ctx, si, local_i, local_o) & active
+            return value, dr.select(active, self._density(local_i, local_o), 0.0)
+
+        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+            bs = dr.zeros(mi.BSDFSample3f)
+            if not self._enabled(ctx):
+                return bs, mi.Spectrum(0.0)
+            up = mi.Vector3f(0.0, 0.0, 1.0)
+            active, local_i, _ = self._local(si, up, active)
+            # the density and the direction are constants to the derivative
+            drawn = mi.Vector3f(
+                *sample_mixture(self.mixture, dr.detach(local_i), sample1, sample2.x, sample2.y)
+            )
+            active &= drawn.z > 0.0
+            local_o = dr.select(active, drawn, up)
+            pdf = self._density(local_i, local_o)
+            value = self._value(ctx, si, local_i, local_o)
+            cos_turn, sin_turn = dr.detach(self.cos_turn), dr.detach(self.sin_turn)
+            bs.wo = mi.Vector3f(
+                cos_turn * local_o.x - sin_turn * local_o.y,
+                sin_turn * local_o.x + cos_turn * local_o.y,
+                local_o.z,
+            )
+            bs.pdf = dr.select(active, pdf, 0.0)
+            bs.eta = 1.0
+            bs.sampled_type = mi.UInt32(+glossy)
+            bs.sampled_component = mi.UInt32(0)
+            return bs, (value / pdf) & active
+
+        def traverse(self, cb: Any) -> None:
+            if not is_jit:  # a plain float cannot be changed in place
+                return
+            for name, value in self.data.items():
+                cb.put(name, value, mi.ParamFlags.Differentiable)
+            cb.put("rotation", self.rotation, mi.ParamFlags.Differentiable)
+
+        def parameters_changed(self, keys: Any = ()) -> None:
+            self._turn()
+            if keys and set(keys) == {"rotation"}:
+                return
+            host = self._host_data()
+            for value in self.data.values():
+                dr.make_opaque(value)  # a literal would become part of the kernel
+            self.mixture_host = fit_mixture(self.reflectance, host, start=self.mixture_host)
+            self.mixture = _on_device(self.mixture_host, mi)
+
+        def to_string(self) -> str:
+            shapes = {name: np.shape(value) for name, value in self.reflectance.data().items()}
+            data = ", ".join(f"{name}{list(shape) or ''}" for name, shape in shapes.items())
+            return (
+                f"{type(self).__name__}[\n"
+                f"  reflectance = {type(self.reflectance).__name__} '{self.reflectance.name}',\n"
+                f"  data = [{data}],\n"
+                f"  reciprocal = {str(self.reflectance.reciprocal).lower()},\n"
+                f"  rotation = {_as_float(self.rotation):g}\n"
+                f"]"
+            )
+
+        # -- what happens inside -----------------------------------------------------------------
+
+        def _enabled(self, ctx: Any) -> bool:
+            """Return whether the context asks for us: a reflectance cannot be split in lobes.
+
+            Whoever sums over the types must get it once, so only the glossy one counts.
+            """
+            return ctx.is_enabled(glossy, 0)
+
+        def _turn(self) -> None:
+            """Update cosine and sine of the rotation."""
+            angle = self.rotation * (np.pi / 180.0)
+            self.cos_turn, self.sin_turn = dr.cos(angle), dr.sin(angle)
+            dr.make_opaque(self.rotation, self.cos_turn, self.sin_turn)
+
+        def _local(self, si: Any, wo: Any, active: Any) -> tuple[Any, Any, Any]:
+            """Return the mask and both directions in the frame of the material.
+
+            Where the mask is false both are the normal, so that a look-up never sees NaN.
+            """
+            active = active & (si.wi.z > 0.0) & (wo.z > 0.0)
+            return active, self._to_material(si.wi, active), self._to_material(wo, active)
+
+        def _to_material(self, w: Any, active: Any) -> Any:
+            turned = mi.Vector3f(
+                self.cos_turn * w.x + self.sin_turn * w.y,
+                self.cos_turn * w.y - self.sin_turn * w.x,
+                w.z,
+            )
+            return dr.select(active, turned, mi.Vector3f(0.0, 0.0, 1.0))
+
+        def _value(self, ctx: Any, si: Any, wi: Any, wo: Any) -> Any:
+            light, view = (wo, wi) if ctx.mode == mi.TransportMode.Radiance else (wi, wo)
+            colour = self.reflectance.eval(light, view, self.data)
+            return upsample(colour * wo.z, si.wavelengths)
+
+        def _density(self, wi: Any, wo: Any) -> Any:
+            return mixture_pdf(self.mixture, dr.detach(wi), dr.detach(wo))
+
+        def _host_data(self) -> Mapping[str, np.ndarray]:
+            """Return the current data on the host, in the shapes of the reflectance.
+
+            Raises:
+                SimrigError: where the size differs (a look-up would leave the array).
+            """
+            host = {}
+            for name, master in self.reflectance.data().items():
+                value = np.array(dr.detach(self.data[name]))
+                if value.size != np.size(master):
+                    raise SimrigError(
+                        f"'{name}' of '{self.reflectance.name}' needs {np.size(master)} values, "
+                        f"got {value.size}"
+                    )
+                host[name] = value.reshape(np.shape(master))
+            return host
+
+    return ReflectanceBSDF
+
+
+def _device_copies(reflectance: Reflectance, mi: Any) -> dict[str, Array]:
+    """Return the data for the current variant; tables share memory until they are changed."""
+    if mi.Float is float:
+        return {k: to_device(v, float, mi.ScalarColor3f) for k, v in reflectance.data().items()}
+    copies = {}
+    for name, value in reflectance.on(mi.Float).items():
+        make = mi.Color3f if dr.depth_v(value) == 2 else mi.Float
+        copies[name] = make(value)
+    return copies
+
+
+def _number(value: float, mi: Any) -> Array:
+    return value if mi.Float is float else dr.opaque(mi.Float, value)
+
+
+def _as_float(value: Array) -> float:
+    return value if isinstance(value, float) else float(dr.detach(value)[0])
+
+
+def _on_device(mixture: Mixture, mi: Any) -> Mixture:
+    """Return the mixture with opaque numbers of the current variant."""
+    names = [field.name for field in fields(Lobe)]
+    return Mixture(
+        tuple(
+            Lobe(**{name: _number(getattr(lobe, name), mi) for name in names})
+            for lobe in mixture.lobes
+        )
+    )

@@ -1,0 +1,153 @@
+"""The plugins that scenes call by name: each builds its reflectance from Mitsuba properties.
+
+The docstrings are the manual; ``simrig.plugins.manual`` makes docs/plugins.md from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig.errors import SimrigError
+from simrig.reflectance.analytic import Kurt, KurtLobe, Ward
+from simrig.reflectance.kurt_materials import kurt_material
+from simrig.reflectance.protocol import Reflectance
+
+_LOBE_NUMBERS = ("f_0", "m_x", "m_y", "alpha")
+
+
+def simrig_kurt(props: Any) -> Reflectance:
+    """The anisotropic microfacet model of Kurt et al. 2010.
+
+    Either ``material`` or the parameters, not both.
+
+    | parameter | type | default | differentiable | meaning |
+    | --- | --- | --- | --- | --- |
+    | material | string | – | – | one of the ten built-in materials, or its `_rescaled` form |
+    | k_d | rgb or float | 0.1 | `k_d` | diffuse coefficient |
+    | k_s | rgb or float | 0.2 | `lobe_1_k_s` | specular coefficient |
+    | f_0 | float | 1 | `lobe_1_f_0` | reflectance at normal incidence, in [0, 1] |
+    | m_x, m_y | float | 0.2 | `lobe_1_m_x`, `lobe_1_m_y` | roughness, in [0.005, 3] |
+    | alpha | float | 0 | `lobe_1_alpha` | exponent of the cosines, in [0, 1] |
+    | k_s_2, f_0_2, m_x_2, m_y_2, alpha_2 | as above | – | `lobe_2_…` | second lobe (needs `k_s_2`) |
+    | rotation | float | 0 | `rotation` | degrees about the normal |
+
+    ```python
+    {"type": "simrig_kurt", "material": "yellow_satin", "rotation": 30.0}
+    ```
+    """
+    if "material" in props:
+        clash = [name for name in ("k_d", "k_s", "k_s_2", *_LOBE_NUMBERS) if name in props]
+        if clash:
+            raise SimrigError(f"simrig_kurt: give 'material' or '{clash[0]}', not both")
+        return kurt_material(props["material"])
+    lobes = [_kurt_lobe(props, "")]
+    if "k_s_2" in props:
+        lobes.append(_kurt_lobe(props, "_2"))
+    return Kurt(k_d=_colour(props, "k_d", 0.1), lobes=tuple(lobes), name="simrig_kurt")
+
+
+def simrig_ward(props: Any) -> Reflectance:
+    """Ward's anisotropic model.
+
+    | parameter | type | default | differentiable | meaning |
+    | --- | --- | --- | --- | --- |
+    | k_d | rgb or float | 0.1 | `k_d` | diffuse reflectance |
+    | k_s | rgb or float | 0.2 | `k_s` | specular reflectance |
+    | m_x, m_y | float | 0.2 | `m_x`, `m_y` | roughness, in [0.005, 3] |
+    | variant | string | bounded | – | `bounded` (2010), `duer` (2006) or `ward` (1992) |
+    | rotation | float | 0 | `rotation` | degrees about the normal |
+
+    ```python
+    {"type": "simrig_ward", "k_s": {"type": "rgb", "value": [0.3, 0.2, 0.1]}, "m_x": 0.05}
+    ```
+    """
+    return Ward(
+        k_d=_colour(props, "k_d", 0.1),
+        k_s=_colour(props, "k_s", 0.2),
+        m_x=props.get("m_x", 0.2),
+        m_y=props.get("m_y", 0.2),
+        variant=props.get("variant", "bounded"),
+        name="simrig_ward",
+    )
+
+
+def simrig_slices(props: Any) -> Reflectance:
+    """A reflectance reconstructed from one-dimensional slices, as stored by simrig (HDF5).
+
+    | parameter | type | default | differentiable | meaning |
+    | --- | --- | --- | --- | --- |
+    | filename | string | required | the slices' tables | file that `simrig reconstruct` wrote |
+    | rotation | float | 0 | `rotation` | degrees about the normal |
+
+    ```python
+    {"type": "simrig_slices", "filename": "slices.h5"}
+    ```
+    """
+    reflectance = _load("simrig_slices", props)
+    kind = getattr(reflectance, "kind", type(reflectance).__name__)
+    if kind != "slices":
+        raise SimrigError(
+            f"simrig_slices: '{props['filename']}' holds {kind}, not slices: use simrig_table"
+        )
+    return reflectance
+
+
+def simrig_table(props: Any) -> Reflectance:
+    """A reflectance from a file of any format that simrig reads.
+
+    | parameter | type | default | differentiable | meaning |
+    | --- | --- | --- | --- | --- |
+    | filename | string | required | the table's values | measured or reconstructed material |
+    | rotation | float | 0 | `rotation` | degrees about the normal |
+
+    ```python
+    {"type": "simrig_table", "filename": "table.h5"}
+    ```
+    """
+    return _load("simrig_table", props)
+
+
+PLUGINS: dict[str, Callable[[Any], Reflectance]] = {
+    "simrig_slices": simrig_slices,
+    "simrig_table": simrig_table,
+    "simrig_kurt": simrig_kurt,
+    "simrig_ward": simrig_ward,
+}
+
+
+def _load(plugin: str, props: Any) -> Reflectance:
+    """Load the file that ``filename`` names, relative to the scene where Mitsuba finds it."""
+    import mitsuba as mi
+
+    from simrig.data.load import load_material
+
+    if "filename" not in props:
+        raise SimrigError(f"{plugin}: the parameter 'filename' is missing")
+    path = Path(str(mi.file_resolver().resolve(props["filename"])))
+    if not path.is_file():
+        raise SimrigError(f"{plugin}: there is no file '{props['filename']}'")
+    return load_material(path)
+
+
+def _kurt_lobe(props: Any, suffix: str) -> KurtLobe:
+    defaults = {"f_0": 1.0, "m_x": 0.2, "m_y": 0.2, "alpha": 0.0}
+    numbers = {name: float(props.get(name + suffix, defaults[name])) for name in _LOBE_NUMBERS}
+    return KurtLobe(k_s=_colour(props, "k_s" + suffix, 0.2), **numbers)
+
+
+def _colour(props: Any, name: str, default: float) -> tuple[float, float, float]:
+    """Return a linear RGB property: an rgb, a vector or one number for grey."""
+    value = props.get(name, default)
+    if isinstance(value, str):
+        raise SimrigError(f"'{name}' must be an rgb or a number, got the string '{value}'")
+    try:
+        red, green, blue = np.broadcast_to(np.asarray(value, dtype=np.float64), 3).tolist()
+    except (TypeError, ValueError):
+        raise SimrigError(
+            f"'{name}' must be an rgb or a number, got {type(value).__name__}"
+        ) from None
+    return red, green, blue

@@ -1,0 +1,55 @@
+"""Linear RGB reflectance to whatever spectrum the current variant transports.
+
+The spectral variants use the basis of Mallett and Yuksel 2019 ("Spectral primary decomposition
+for rendering with sRGB reflectance"): three non-negative spectra that add up to one and whose
+colours under D65 are the sRGB primaries. It is linear, so f_r above 1/sr needs no special case and
+gradients pass through.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from simrig.arrays import Array, gather_colour, namespace, to_device, to_index
+
+_FIRST_NM, _STEP_NM, _COUNT = 380.0, 5.0, 81
+
+
+@cache
+def basis() -> np.ndarray:
+    """Return the basis, shape (81, 3): red, green, blue from 380 to 780 nm in steps of 5 nm."""
+    from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as mallett
+
+    wavelengths = _FIRST_NM + _STEP_NM * np.arange(_COUNT)
+    if not np.array_equal(mallett.wavelengths, wavelengths):
+        raise RuntimeError("colour-science changed the sampling of the basis")
+    return np.asarray(mallett.values, dtype=np.float64)
+
+
+class Upsampler:
+    """Converts colours of the current variant's ``Vector3f`` into its ``Spectrum``."""
+
+    def __init__(self) -> None:
+        import mitsuba as mi
+
+        self._mi = mi
+        self._basis = to_device(basis(), mi.Float) if mi.is_spectral else None
+
+    def __call__(self, colour: Array, wavelengths: Array) -> Array:
+        """Return the spectrum of a linear RGB colour at ``wavelengths`` (nm; unused in RGB)."""
+        mi = self._mi
+        if self._basis is None:
+            return mi.Color3f(colour[0], colour[1], colour[2])
+        return mi.Spectrum([self._at(colour, w) for w in wavelengths])
+
+    def _at(self, colour: Array, wavelength: Array) -> Array:
+        """Interpolate the basis; it holds its end values outside of 380 to 780 nm."""
+        xp = namespace(wavelength)
+        position = xp.clip((wavelength - _FIRST_NM) / _STEP_NM, 0.0, _COUNT - 1.001)
+        index = to_index(position)
+        fraction = position - index
+        low = gather_colour(self._basis, index, colour)
+        high = gather_colour(self._basis, index + 1, colour)
+        return sum(colour[c] * (low[c] + (high[c] - low[c]) * fraction) for c in range(3))
