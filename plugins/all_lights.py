@@ -4,25 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-_registered: set[str] = set()
+import drjit as dr
+import mitsuba as mi
 
 
-def register() -> None:
-    """Register the integrator in the current variant (once per variant).
-
-    The class is made per variant because its base class is one of the variant.
-    """
-    import mitsuba as mi
-
-    if mi.variant() not in _registered:
-        mi.register_integrator("simrig_all_lights", _make_class())
-        _registered.add(mi.variant())
-
-
-def _make_class() -> type:
-    import drjit as dr
-    import mitsuba as mi
-
+def define_all_lights() -> type:
+    """Return the integrator class of the current variant (its base class is one of the variant)."""
     class AllLights(mi.SamplingIntegrator):
         """Direct illumination, summed over all emitters at every intersection.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from simrig.plugins.adapter import define_adapter
+from simrig.plugins.all_lights import define_all_lights
 from simrig.plugins.named import PLUGINS
 
 _ADAPTERS: dict[str, type] = {}
@@ -22,5 +23,6 @@ def register() -> type:
         for name, build in PLUGINS.items():
             body = {"build": staticmethod(build), "__doc__": build.__doc__}
             mi.register_bsdf(name, type(name, (adapter,), body))
+        mi.register_integrator("simrig_all_lights", define_all_lights())
         _ADAPTERS[variant] = adapter
     return _ADAPTERS[variant]

@@ -2,3 +2,22 @@
 
 if __name__ != "simrig.scenes":  # a second copy of the modules would be made
     raise ImportError("import this package as 'simrig.scenes', not as 'scenes'")
+
+from simrig.scenes.latlong import builtin_environment
+from simrig.scenes.lights import DirectionalLights
+from simrig.scenes.median_cut import median_cut
+from simrig.scenes.registry import SCENES, SceneEntry, build_scene
+from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
+
+__all__ = [
+    "SCENES",
+    "DirectionalLights",
+    "SceneEntry",
+    "build_scene",
+    "builtin_environment",
+    "cylinder",
+    "environment_sphere",
+    "four_spheres",
+    "median_cut",
+    "sphere",
+]

@@ -1,0 +1,188 @@
+"""Rendering a scene to a NumPy picture, with its cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from simrig import backend
+from simrig.cost import Cost
+from simrig.errors import SimrigError
+from simrig.evaluation.control_samples import ControlSamples, pixel_directions
+
+__all__ = ["ControlSamples", "RenderResult", "load", "pixel_directions", "render"]
+
+# Samples in flight: the kernels keep about 50 bytes of each, so a pass takes below 1 GB, and at
+# the rate of 2 cores it ends, and can be interrupted, within a second or two.
+SAMPLES_PER_PASS = 1 << 24
+_WAVEFRONT_LIMIT = 1 << 32  # Dr.Jit counts the elements of an array in 32 bits
+
+
+@dataclass(frozen=True, eq=False)
+class RenderResult:
+    """A rendered picture and what it cost.
+
+    Attributes:
+        image: float32 (height, width, 3), linear RGB radiance, finite.
+        compile_seconds: time spent generating and compiling kernels; about 0 when the same
+            kernels were compiled before, in this process or (disk cache) an earlier one.
+        run_seconds: everything else: tracing the program and running it.
+        spp: samples per pixel.
+        integrator: plugin name or class of the integrator.
+        variant: Mitsuba variant.
+    """
+
+    image: np.ndarray
+    compile_seconds: float
+    run_seconds: float
+    spp: int
+    integrator: str
+    variant: str
+
+    @property
+    def cost(self) -> Cost:
+        """The record of the time spent."""
+        return Cost(compile_seconds=self.compile_seconds, compute_seconds=self.run_seconds)
+
+
+def load(scene: Any) -> Any:
+    """Return a Mitsuba scene from a dictionary; a scene comes back as it is.
+
+    Selects the automatic variant when none is set.
+    """
+    if mi.variant() is None:
+        backend.select()
+    if isinstance(scene, dict):
+        return mi.load_dict(scene)
+    return scene
+
+
+def render(
+    scene: Any,
+    spp: int = 16,
+    seed: int = 0,
+    integrator: Any = None,
+    progress: Callable[[int, int], None] | None = None,
+    samples_per_pass: int = SAMPLES_PER_PASS,
+) -> RenderResult:
+    """Render a scene.
+
+    A picture of more than ``samples_per_pass`` samples is rendered in passes with different
+    random numbers and averaged, so memory stays bounded; an interrupt (Ctrl-C) takes effect
+    after the pass at work.
+
+    Args:
+        scene: a dictionary (``simrig.scenes``) or a loaded Mitsuba scene.
+        spp: samples per pixel, >= 1. The scenes of ``simrig.scenes`` are lit by delta lights
+            and need samples for the smoothness of edges and highlights only; with
+            ``pixel_centres`` 1 is exact.
+        seed: >= 0; the same seed gives the same picture.
+        integrator: plugin name, dictionary or object; by default that of the scene.
+        progress: called with (samples per pixel done, spp) after every pass.
+        samples_per_pass: largest number of samples (pixels × spp) at work at once.
+
+    Raises:
+        SimrigError: bad arguments, or a result that is not finite (names the pixels).
+    """
+    if spp != int(spp) or spp < 1:
+        raise SimrigError(f"spp must be a whole number >= 1, got {spp}")
+    if seed != int(seed) or seed < 0:
+        raise SimrigError(f"the seed must be a whole number >= 0, got {seed}")
+    scene = load(scene)
+    integrator, name = _integrator(integrator, scene)
+    width, height = scene.sensors()[0].film().crop_size()
+    passes = _passes(int(spp), int(width * height), samples_per_pass)
+    # one stream per pass and seed; consecutive numbers would share passes between seeds
+    seeds = np.random.SeedSequence(int(seed)).generate_state(len(passes))
+
+    total = np.zeros((height, width, 3))
+    done = 0
+    with _timer() as clock:
+        for pass_spp, pass_seed in zip(passes, seeds, strict=True):
+            picture = mi.render(scene, integrator=integrator, spp=pass_spp, seed=int(pass_seed))
+            total += pass_spp * np.array(picture, dtype=np.float64)[..., :3]
+            done += pass_spp
+            if progress:
+                progress(done, spp)
+    image = (total / spp).astype(np.float32)
+    _check_finite(image)
+    return RenderResult(
+        image, clock.compile_seconds, clock.run_seconds, int(spp), name, mi.variant()
+    )
+
+
+def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:
+    """Return the integrator object and its name."""
+    if integrator is None:
+        integrator = scene.integrator()
+        if integrator is None:
+            raise SimrigError("the scene has no integrator: name one, for example 'path'")
+        return integrator, integrator.class_name()
+    if isinstance(integrator, str):
+        integrator = {"type": integrator}
+    if not isinstance(integrator, dict):
+        return integrator, integrator.class_name()
+    try:
+        return mi.load_dict(integrator), str(integrator["type"])
+    except (RuntimeError, KeyError) as error:
+        raise SimrigError(f"cannot make the integrator {integrator}: {error}") from error
+
+
+def _passes(spp: int, pixels: int, samples_per_pass: int) -> list[int]:
+    """Return the samples per pixel of each pass.
+
+    Full passes take a power of two, because those share one kernel; the rest comes last.
+    """
+    limit = min(samples_per_pass, _WAVEFRONT_LIMIT - 1)
+    if pixels > limit:
+        raise SimrigError(
+            f"the picture has {pixels} pixels but a pass may hold {limit} samples: "
+            "render it smaller, or in crops"
+        )
+    if spp * pixels <= limit:
+        return [spp]
+    full = 1 << ((limit // pixels).bit_length() - 1)
+    return [full] * (spp // full) + ([spp % full] if spp % full else [])
+
+
+class _Clock:
+    compile_seconds = 0.0
+    run_seconds = 0.0
+
+
+@contextmanager
+def _timer():
+    """Time a block: kernel compilation (from Dr.Jit's kernel history) and the rest."""
+    clock = _Clock()
+    jit = "scalar" not in mi.variant()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        if jit:
+            dr.kernel_history_clear()
+        start = time.perf_counter()
+        yield clock
+        wall = time.perf_counter() - start
+        if jit:
+            milliseconds = sum(
+                kernel.get("codegen_time", 0.0) + kernel.get("backend_time", 0.0)
+                for kernel in dr.kernel_history()
+            )
+            clock.compile_seconds = min(milliseconds / 1000.0, wall)
+    clock.run_seconds = wall - clock.compile_seconds
+
+
+def _check_finite(image: np.ndarray) -> None:
+    bad = np.argwhere(~np.isfinite(image).all(axis=-1))
+    if len(bad):
+        named = ", ".join(f"({row}, {column})" for row, column in bad[:5].tolist())
+        more = ", ..." if len(bad) > 5 else ""
+        raise SimrigError(
+            f"{len(bad)} pixels of the picture are not finite, at (row, column) {named}{more}: "
+            "the material or the light gives NaN or infinity there"
+        )

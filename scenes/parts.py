@@ -1,0 +1,124 @@
+"""The pieces that the scenes share: camera, film, lamp, and the world they stand in.
+
+World: x to the right of the picture, y up, z towards the camera; lengths in millimetres. All
+cameras are orthographic and look along −z, so the view direction is the same for every pixel.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from simrig.errors import SimrigError
+
+MARGIN = 64.0 / 59.104  # half of a picture cell over the radius of the sphere in it
+_CAMERA_DISTANCE = 2000.0  # mm; outside of every object, and behind every lamp
+
+
+def transform() -> Any:
+    """Return the identity of the current variant, to build ``to_world`` matrices from."""
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        raise SimrigError("no Mitsuba variant is set: call simrig.backend.select() first")
+    return mi.ScalarTransform4f()
+
+
+def camera(
+    width: int,
+    height: int,
+    half_width: float,
+    pixel_centres: bool,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> dict:
+    """Return an orthographic camera with a float32 RGB film and a box filter.
+
+    Args:
+        width, height: pixels of the picture.
+        half_width: half of what the picture spans horizontally, in mm.
+        pixel_centres: one regular sample in the centre of each pixel instead of random ones.
+        centre: x and y of the centre of the picture, in mm.
+    """
+    if width != int(width) or height != int(height) or min(width, height) < 1:
+        raise SimrigError(f"a picture needs whole numbers of pixels >= 1, got {width} x {height}")
+    x, y = centre
+    to_world = transform().look_at(
+        origin=[x, y, _CAMERA_DISTANCE], target=[x, y, 0.0], up=[0.0, 1.0, 0.0]
+    ) @ transform().scale([half_width, half_width, 1.0])
+    sampler: dict[str, Any] = {"type": "independent", "sample_count": 16}
+    if pixel_centres:
+        sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
+    return {
+        "type": "orthographic",
+        "near_clip": 1.0,
+        "far_clip": 2.0 * _CAMERA_DISTANCE,
+        "to_world": to_world,
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "pixel_format": "rgb",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},  # a pixel is the mean of its own samples, nothing else
+        },
+        "sampler": sampler,
+    }
+
+
+def lamp(position: np.ndarray, distance: float) -> dict:
+    """Return a point light that brings a white diffuser at ``distance`` (mm) to radiance 1."""
+    return {
+        "type": "point",
+        "position": [float(x) for x in position],
+        "intensity": {"type": "rgb", "value": float(np.pi * distance**2)},
+    }
+
+
+def lamp_position(theta_deg: float, phi_deg: float, distance: float, nearest: float) -> np.ndarray:
+    """Return the place of a lamp around the origin.
+
+    Args:
+        theta_deg: angle from the direction towards the camera (+z).
+        phi_deg: angle around that direction, from +x (right) towards +y (up).
+        distance: mm from the origin.
+        nearest: the least distance that stays outside of the object.
+    """
+    if not np.isfinite(distance) or distance <= nearest:
+        raise SimrigError(
+            f"the lamp must be more than {nearest:g} mm from the centre of the object, "
+            f"got {distance:g} mm"
+        )
+    theta, phi = np.radians(theta_deg), np.radians(phi_deg)
+    return distance * np.array(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
+    )
+
+
+def ball(radius: float, centre: tuple[float, float], material: str) -> dict:
+    """Return a sphere in the plane z = 0 with its poles at the top and bottom of the outline.
+
+    The tangent u of the material runs along the parallels, to the right in the picture; v runs
+    along the meridians, up. A pole, where u and v are undefined, lies exactly on the outline: no
+    pixel sees it from the front and none has it inside its disc.
+    """
+    x, y = centre
+    # a quarter turn about x, written out: a computed one is off by 1e-8, which Mitsuba warns of
+    turned = np.array([[1, 0, 0, x], [0, 0, 1, y], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+    to_world = type(transform())(turned)
+    return {
+        "type": "sphere",
+        "radius": radius,
+        "to_world": to_world,
+        "bsdf": {"type": "ref", "id": material},
+    }
+
+
+def direct() -> dict:
+    """Return the integrator for scenes with one delta light.
+
+    Exact for the light that arrives directly: a delta light reaches a point from one direction
+    only, so one light sample is the whole integral and samples of the BSDF can never meet it.
+    Pixels with random samples differ only by where in the pixel they look.
+    """
+    return {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}

@@ -1,0 +1,61 @@
+"""The scenes by name, with the options that each takes."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from simrig.errors import unknown_name
+from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """A scene that can be built by name.
+
+    Attributes:
+        build: function of a BSDF and the options that returns a Mitsuba dictionary.
+        description: one line for lists.
+        options: name of each option and its default.
+    """
+
+    build: Callable[..., dict]
+    description: str
+    options: Mapping[str, Any]
+
+
+def _entry(build: Callable[..., dict], description: str) -> SceneEntry:
+    parameters = list(inspect.signature(build).parameters.values())[1:]  # without the BSDF
+    return SceneEntry(build, description, {p.name: p.default for p in parameters})
+
+
+SCENES: dict[str, SceneEntry] = {
+    "sphere": _entry(sphere, "sphere under a point light (Fig. 1.5; 10,975 of 128 × 128 pixels)"),
+    "four_spheres": _entry(four_spheres, "four spheres under one point light (Fig. 5.10)"),
+    "cylinder": _entry(cylinder, "cylinder lit from top, bottom, left or right (section 6.3.4)"),
+    "environment_sphere": _entry(
+        environment_sphere, "sphere in an environment of N directional lights (Fig. 5.9)"
+    ),
+}
+
+
+def build_scene(name: str, bsdf: Any, **options: Any) -> dict:
+    """Return a scene by its name.
+
+    Args:
+        name: one of ``SCENES``.
+        bsdf: a Mitsuba BSDF or its dictionary (``four_spheres`` also takes four of them).
+        options: see ``SCENES[name].options``.
+
+    Raises:
+        SimrigError: unknown scene or option, or an option's value that the scene refuses.
+    """
+    if name not in SCENES:
+        raise unknown_name("scene", name, SCENES)
+    entry = SCENES[name]
+    for option in options:
+        if option not in entry.options:
+            raise unknown_name(f"option of scene '{name}'", option, entry.options)
+    return entry.build(bsdf, **options)
