@@ -1,0 +1,33 @@
+"""The application: every command under its name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from simrig import __version__
+from simrig.cli import doctor, frame
+
+app = typer.Typer(
+    name="simrig",
+    cls=frame.OneLineErrors,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="A virtual laboratory for measuring how materials look.",
+)
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
+) -> None:
+    if version:
+        print(f"simrig {__version__}")
+    elif context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+for module in (doctor,):
+    module.register(app)

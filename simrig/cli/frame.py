@@ -1,0 +1,256 @@
+"""What every command shares: its options, its report, its errors and its progress bars.
+
+A command is a plain function that parses nothing and prints nothing: it returns a ``Report``.
+The frame adds ``--json``, ``--quiet`` and ``--verbose``, prints the report to standard output
+and everything else to standard error, and turns what goes wrong into an exit code:
+
+- 0: done; a report may say otherwise (``doctor`` gives 2 when something is missing);
+- 1: a defect of simrig, in one line (``--verbose`` shows the traceback);
+- 2: bad input, in one line;
+- 130: interrupted, with a line that says how to go on.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from simrig.errors import SimrigError
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+_PIPED_WIDTH = 140  # columns where standard output is no terminal
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a command found out.
+
+    Attributes:
+        data: the machine-readable result, printed by ``--json``; NumPy values are allowed.
+        shown: what a person reads, in order: strings and rich renderables.
+        exit_code: 0 unless the finding itself is bad.
+    """
+
+    data: Mapping[str, Any]
+    shown: Sequence[Any] = ()
+    exit_code: int = 0
+
+
+@dataclass
+class _Run:
+    """The settings and the state of the command that runs now."""
+
+    quiet: bool = False
+    verbose: bool = False
+    resume: str = field(default="run the same command again")
+
+
+_run = _Run()
+
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object to standard output.")]
+_Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+_Verbose = Annotated[bool, typer.Option("--verbose", help="Show the traceback of an error.")]
+_SHARED = {"as_json": _Json, "quiet": _Quiet, "verbose": _Verbose}
+
+
+class OneLineErrors(TyperGroup):
+    """The group of all commands; an error of usage is one line as well."""
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Parse and run; always leaves with ``SystemExit``."""
+        extra["standalone_mode"] = False
+        try:
+            code = super().main(*args, **extra)
+        except typer.TyperException as error:
+            _say_error(error.format_message())
+            sys.exit(BAD_INPUT)
+        except typer.Abort:
+            sys.exit(INTERRUPTED)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def command(app: typer.Typer, name: str | None = None) -> Callable[[Callable], Callable]:
+    """Return a decorator that makes a function returning a ``Report`` a command of ``app``."""
+
+    def register(function: Callable[..., Report]) -> Callable[..., Report]:
+        app.command(name)(_framed(function))
+        return function
+
+    return register
+
+
+def _framed(function: Callable[..., Report]) -> Callable[..., None]:
+    """Return what typer runs: ``function`` with the shared options, its report printed."""
+
+    def run(*, as_json: bool, quiet: bool, verbose: bool, **arguments: Any) -> None:
+        global _run
+        _run = _Run(quiet=quiet, verbose=verbose)
+        with _errors_as_exit_codes():
+            _mute_native_messages()
+            report = function(**arguments)
+            _print_report(report, as_json)
+        raise typer.Exit(report.exit_code)
+
+    # typer reads the signature and the annotations; the latter as objects, not as text
+    own = inspect.signature(function, eval_str=True)
+    shared = [
+        inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+        for key, kind in _SHARED.items()
+    ]
+    parameters = [*own.parameters.values(), *shared]
+    run.__name__, run.__doc__ = function.__name__, function.__doc__
+    run.__annotations__ = {item.name: item.annotation for item in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _mute_native_messages() -> None:
+    """Let ``simrig.backend`` be the first to import Dr.Jit, which it does without its messages."""
+    with suppress(ImportError):  # the doctor must be able to say that Dr.Jit is missing
+        importlib.import_module("simrig.backend")
+
+
+@contextmanager
+def _errors_as_exit_codes() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        _say(f"interrupted: {_run.resume}")
+        raise typer.Exit(INTERRUPTED) from None
+    except (typer.Exit, typer.TyperException):
+        raise
+    except Exception as error:
+        if _run.verbose:
+            raise
+        _say_error(_one_line(error))
+        bad_input = isinstance(error, SimrigError | OSError | MemoryError)
+        raise typer.Exit(BAD_INPUT if bad_input else 1) from None
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, SimrigError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:
+        where = f" '{error.filename}'" if error.filename else ""
+        return f"cannot read or write{where}: {error.strerror}"
+    if isinstance(error, MemoryError):
+        return "not enough memory for this"
+    return f"defect in simrig (--verbose shows where): {type(error).__name__}: {error}"
+
+
+def _say_error(message: str) -> None:
+    _say(f"error: {message}")
+
+
+def _say(message: str) -> None:
+    print(" ".join(message.split()), file=sys.stderr, flush=True)
+
+
+def on_interrupt(advice: str) -> None:
+    """Set what the user is told after Ctrl-C, for example how to resume."""
+    _run.resume = advice
+
+
+def _print_report(report: Report, as_json: bool) -> None:
+    text = _as_json(report.data) if as_json else _as_text(report.shown)
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader went away, for example `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _as_json(data: Mapping[str, Any]) -> str:
+    import json
+
+    return json.dumps(plain(data), indent=2, allow_nan=False) + "\n"
+
+
+def _as_text(shown: Sequence[Any]) -> str:
+    from rich.console import Console
+
+    width = None if sys.stdout.isatty() else _PIPED_WIDTH
+    console = Console(width=width, highlight=False, markup=False, emoji=False)
+    with console.capture() as captured:
+        for item in shown:
+            console.print(item, soft_wrap=isinstance(item, str))
+    return captured.get()
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON can say it: no NumPy, no paths; NaN and infinities become None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, str | bool | int | None):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):  # NumPy arrays and numbers
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if value - value == 0.0 else None
+    if isinstance(value, list | tuple | set | frozenset | Iterator):
+        return [plain(item) for item in value]
+    return plain(float(value)) if hasattr(value, "__float__") else str(value)
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: str = "") -> Any:
+    """Return a rich table; cells are shown as they are, numbers right-aligned."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(box=box.SIMPLE_HEAD, title=title or None, title_justify="left", pad_edge=False)
+    for index, column in enumerate(columns):
+        numeric = bool(rows) and all(isinstance(row[index], int | float) for row in rows)
+        made.add_column(column, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        made.add_row(*(_cell(value) for value in row))
+    return made
+
+
+def _cell(value: Any) -> Any:
+    from rich.text import Text  # plain text: a bracket in a cell is no markup
+
+    return Text(f"{value:.4g}" if isinstance(value, float) else str(value))
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Callable[..., None]]:
+    """Show a progress bar on standard error while the block runs.
+
+    Yields:
+        ``report(done, total, stage=None)``: numbers of steps, and what is being done now. Cheap
+        enough to be called per sample. Nothing is shown where standard error is no terminal.
+    """
+    from time import monotonic
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    shown = console.is_terminal and not _run.quiet
+    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not shown) as bars:
+        bar = bars.add_task(label, total=None)
+        last = 0.0
+
+        def report(done: float, total: float, stage: str | None = None) -> None:
+            nonlocal last
+            now = monotonic()
+            if now - last < 0.05 and done < total:
+                return
+            last = now
+            bars.update(bar, completed=done, total=total, description=stage or label)
+
+        yield report
