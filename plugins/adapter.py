@@ -23,8 +23,9 @@ from simrig.reflectance.protocol import Reflectance
 
 def define_adapter() -> type:
     """Return the adapter class for the current Mitsuba variant."""
-    import mitsuba as mi
+    import mitsuba
 
+    mi: Any = mitsuba  # its stubs describe one variant, the class below serves all
     glossy = mi.BSDFFlags.GlossyReflection
     all_flags = (
         glossy | mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.Anisotropic | mi.BSDFFlags.FrontSide
@@ -32,7 +33,7 @@ def define_adapter() -> type:
     is_jit = mi.Float is not float
     upsample = Upsampler()
 
-    class ReflectanceBSDF(mi.BSDF):  # type: ignore[misc]
+    class ReflectanceBSDF(mi.BSDF):
         """A reflectance as a Mitsuba BSDF: one-sided, one component.
 
         Mitsuba's ``si.wi`` is the view direction in radiance mode and the illumination in
@@ -49,6 +50,7 @@ def define_adapter() -> type:
                 reflectance = self.build(props)
             self.reflectance = reflectance
             self.data = _device_copies(reflectance, mi)
+            self._prepare()
             self.mixture_host = fitted(reflectance)
             self.mixture = _on_device(self.mixture_host, mi)
             self.rotation = _number(float(rotation_deg), mi)
@@ -122,6 +124,7 @@ def define_adapter() -> type:
             host = self._host_data()
             for value in self.data.values():
                 dr.make_opaque(value)  # a literal would become part of the kernel
+            self._prepare()
             self.mixture_host = fit_mixture(self.reflectance, host, start=self.mixture_host)
             self.mixture = _on_device(self.mixture_host, mi)
 
@@ -145,6 +148,13 @@ def define_adapter() -> type:
             Whoever sums over the types must get it once, so only the glossy one counts.
             """
             return ctx.is_enabled(glossy, 0)
+
+        def _prepare(self) -> None:
+            """Make the arrays that look-ups read from the data."""
+            self.differentiable = dr.grad_enabled(self.data)
+            self.prepared = self.reflectance.prepare(self.data, self.differentiable)
+            if is_jit:
+                dr.make_opaque(self.prepared)
 
         def _turn(self) -> None:
             """Update cosine and sine of the rotation."""
@@ -170,7 +180,11 @@ def define_adapter() -> type:
 
         def _value(self, ctx: Any, si: Any, wi: Any, wo: Any) -> Any:
             light, view = (wo, wi) if ctx.mode == mi.TransportMode.Radiance else (wi, wo)
-            colour = self.reflectance.eval(light, view, self.data)
+            if not self.differentiable and dr.grad_enabled(self.data):
+                raise SimrigError(
+                    "call update() on the scene parameters after enabling their gradients"
+                )
+            colour = self.reflectance.eval(light, view, self.prepared)
             return upsample(colour * wo.z, si.wavelengths)
 
         def _density(self, wi: Any, wo: Any) -> Any:
@@ -184,7 +198,7 @@ def define_adapter() -> type:
             """
             host = {}
             for name, master in self.reflectance.data().items():
-                value = np.array(dr.detach(self.data[name]))
+                value = dr.detach(self.data[name]).numpy()
                 if value.size != np.size(master):
                     raise SimrigError(
                         f"'{name}' of '{self.reflectance.name}' needs {np.size(master)} values, "

@@ -17,8 +17,6 @@ import numpy as np
 
 from simrig.arrays import Array, components, namespace
 
-LOBE_COUNT = 2  # fixed, so that a new fit never changes the structure of a kernel
-
 
 @dataclass(frozen=True)
 class Lobe:
@@ -61,7 +59,10 @@ class Lobe:
 
 @dataclass(frozen=True)
 class Mixture:
-    """A mixture of lobes; the cosine hemisphere has the weight that they leave."""
+    """A mixture of lobes; the cosine hemisphere has the weight that they leave.
+
+    The number of lobes is part of a kernel's structure, their values are not.
+    """
 
     lobes: tuple[Lobe, ...]
 
@@ -117,8 +118,8 @@ def sample_mixture(
         w_fixed: the known direction, in the upper hemisphere.
         u_lobe, u, v: uniform variates; the first selects the lobe.
     """
-    x, y, z = components(w_fixed)
-    xp = namespace(x)
+    z = components(w_fixed)[2]
+    xp = namespace(z)
     phi = (2.0 * np.pi) * u
     cos_phi, sin_phi = xp.cos(phi), xp.sin(phi)
     root = xp.sqrt(v)

@@ -32,7 +32,7 @@ def simrig_kurt(props: Any) -> Reflectance:
     | f_0 | float | 1 | `lobe_1_f_0` | reflectance at normal incidence, in [0, 1] |
     | m_x, m_y | float | 0.2 | `lobe_1_m_x`, `lobe_1_m_y` | roughness, in [0.005, 3] |
     | alpha | float | 0 | `lobe_1_alpha` | exponent of the cosines, in [0, 1] |
-    | k_s_2, f_0_2, m_x_2, m_y_2, alpha_2 | as above | – | `lobe_2_…` | second lobe (needs `k_s_2`) |
+    | k_s_2, f_0_2, m_x_2, m_y_2, alpha_2 | as above | – | `lobe_2_…` | second lobe |
     | rotation | float | 0 | `rotation` | degrees about the normal |
 
     ```python
@@ -121,12 +121,13 @@ PLUGINS: dict[str, Callable[[Any], Reflectance]] = {
 
 def _load(plugin: str, props: Any) -> Reflectance:
     """Load the file that ``filename`` names, relative to the scene where Mitsuba finds it."""
-    import mitsuba as mi
+    import mitsuba
 
     from simrig.data.load import load_material
 
     if "filename" not in props:
         raise SimrigError(f"{plugin}: the parameter 'filename' is missing")
+    mi: Any = mitsuba  # the stubs know file_resolver as an object
     path = Path(str(mi.file_resolver().resolve(props["filename"])))
     if not path.is_file():
         raise SimrigError(f"{plugin}: there is no file '{props['filename']}'")

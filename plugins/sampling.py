@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from simrig.plugins.lobes import LOBE_COUNT, Lobe, Mixture, lobe_pdf
+from simrig.plugins.lobes import Lobe, Mixture, lobe_pdf
 from simrig.reflectance.protocol import Reflectance
 
 _VIEW_THETA_DEG = (3.0, 25.0, 45.0, 60.0, 72.0, 82.0)
@@ -80,7 +80,7 @@ def fit_mixture(
         start: mixture of similar data, from which a few passes suffice.
     """
     q = quadrature()
-    data = reflectance.data() if data is None else data
+    data = reflectance.prepare(reflectance.data() if data is None else data, False)
     with np.errstate(all="ignore"):  # data under optimisation may be anything
         value = reflectance.eval(q.light, q.view, data).mean(axis=-1) * q.light[..., 2]
         target = np.clip(np.nan_to_num(value, nan=0.0, posinf=0.0), 0.0, None)
