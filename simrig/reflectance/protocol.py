@@ -42,7 +42,7 @@ class Reflectance(ABC):
         Args:
             wi: illumination directions: a Dr.Jit 3-vector or NumPy array of shape (..., 3).
             wv: view directions, the same type.
-            data: device copies of ``data()`` as made by ``on()``; by default those of this
+            data: what ``prepare`` made of device copies of ``data()``; by default that of this
                 object for the type of ``wi``.
 
         Returns:
@@ -60,8 +60,27 @@ class Reflectance(ABC):
             cache[float_type] = {k: to_device(v, float_type) for k, v in self.data().items()}
         return cache[float_type]
 
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Mapping[str, Array]:
+        """Return the arrays that ``eval`` reads, derived from device copies of the data.
+
+        By default these are the copies themselves. A reflectance that looks up faster in another
+        layout returns that layout here; it has to be made again whenever the data change.
+
+        Args:
+            data: device copies of ``data()``, as made by ``on()``.
+            differentiable: keep derivatives with respect to ``data``; without them the layout
+                may be compact and read-only (see ``simrig.reflectance.packed``).
+        """
+        return data
+
     def _data_for(self, wi: Array, data: Mapping[str, Array] | None) -> Mapping[str, Array]:
-        return self.on(float_type(wi)) if data is None else data
+        if data is not None:
+            return data
+        kind = float_type(wi)
+        cache = self.__dict__.setdefault("_prepared", {})
+        if kind not in cache:
+            cache[kind] = self.prepare(self.on(kind))
+        return cache[kind]
 
 
 def above_horizon(wi: Array, wv: Array) -> Array:

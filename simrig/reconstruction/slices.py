@@ -1,0 +1,156 @@
+"""From samples along slices to a reflectance (thesis sections 5.2, 5.3 and D.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simrig.reconstruction.along_slices import SliceInterpolator
+from simrig.reflectance.slice_layout import SliceLayout
+from simrig.reflectance.slices import SliceReflectance
+from simrig.sampling.adaptive import AdaptiveSamples
+from simrig.sampling.placement import (
+    AXIAL,
+    CIRCLE,
+    DIAGONAL,
+    HORIZONTAL,
+    SlicePlacement,
+    Slices,
+    build_slices,
+)
+
+
+def slice_layout(
+    placement: SlicePlacement, azimuth_samples: int = 360, largest_node_step_deg: float = 2.0
+) -> SliceLayout:
+    """Return the table structure for a placement.
+
+    The elevation grid has the largest step, at most ``largest_node_step_deg``, that meets all
+    measured elevations exactly (searched in multiples of 1/12°); where none does, it comes as
+    close as the wished step allows.
+    """
+    top, step = np.degrees([placement.theta_max, placement.elevation_step])
+    ticks = np.round(np.array([top, step]) * 12.0)
+    common = np.gcd(*ticks.astype(int)) / 12.0
+    if np.abs(ticks / 12.0 - [top, step]).max() > 1e-6 or common < 0.25:
+        node_step = top / np.ceil(top / largest_node_step_deg - 1e-9)
+    else:
+        node_step = common / np.ceil(common / largest_node_step_deg - 1e-9)
+    return SliceLayout(
+        placement.elevation_step,
+        placement.azimuth_step,
+        placement.theta_max,
+        azimuth_samples,
+        round(top / node_step) + 1,
+    )
+
+
+def reconstruct_slices(
+    samples: AdaptiveSamples,
+    placement: SlicePlacement,
+    *,
+    slice_types: str = "all",
+    interpolation: str = "cubic",
+    azimuth_samples: int = 360,
+    largest_node_step_deg: float = 2.0,
+    name: str = "slices",
+) -> SliceReflectance:
+    """Pre-interpolate all slices into the tables of a ``SliceReflectance``.
+
+    Args:
+        samples: what was measured along the slices of ``placement``.
+        placement: where the slices lie.
+        slice_types: the types that were measured, ``"all"`` or ``"axial_diagonal"``.
+        interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
+        azimuth_samples: samples over 360° along axial and diagonal slices.
+        largest_node_step_deg: largest step of the elevation grid, in degrees.
+        name: name of the result.
+
+    Splines can dip below zero beside a highlight; pre-interpolated values are kept at or above 0.
+    """
+    slices = build_slices(placement, slice_types)
+    layout = slice_layout(placement, azimuth_samples, largest_node_step_deg)
+    interpolate = SliceInterpolator(samples.knots, samples.values, interpolation)
+    number = {
+        (int(kind), *map(int, index)): s
+        for s, (kind, index) in enumerate(zip(slices.kind, slices.index, strict=True))
+    }
+    azimuth = np.arange(azimuth_samples) * (2.0 * np.pi / azimuth_samples)
+    shapes = layout.shapes()
+    axial = _fill(interpolate, _axial_rows(layout, number), azimuth, shapes["axial"])
+    diagonal = _fill(interpolate, _diagonal_rows(layout, number), azimuth, shapes["diagonal"])
+    corners = samples.values[_corner_table(placement)]
+    axial[0], diagonal[0] = samples.values[0], samples.values[0]  # both directions at the pole
+    horizontal = None
+    if slice_types == "all":
+        rows = _horizontal_rows(layout, number)
+        theta = np.arange(layout.node_count) * layout.node_step
+        horizontal = _fill(interpolate, rows, theta, shapes["horizontal"])
+    return SliceReflectance(layout, corners, axial, diagonal, horizontal, name)
+
+
+def _fill(
+    interpolate: SliceInterpolator,
+    rows: tuple[np.ndarray, np.ndarray],
+    position: np.ndarray,
+    shape: tuple[int, ...],
+) -> np.ndarray:
+    slice_index, shift = rows
+    values = interpolate(slice_index, position + shift[:, None])
+    return np.maximum(values, 0.0).astype(np.float32).reshape(shape)
+
+
+def _pairs(layout: SliceLayout) -> list[tuple[int, int]]:
+    return [(i, v) for v in range(layout.elevation_count) for i in range(v + 1)]
+
+
+def _axial_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Return which slice fills every axial row, and by how much its position is shifted."""
+    a_n, half = layout.azimuth_count, 0.5 * layout.azimuth_step
+    rows = []
+    for i, v in _pairs(layout):
+        for j in range(a_n + 1):
+            own, shift = (0, np.pi) if j == a_n else (j, 0.0)
+            if i == 0:
+                rows.append((number.get((CIRCLE, 0, v, 0, 0), 0), j * half))
+            elif i == v and 2 * own > a_n:  # α and −α are one slice, half a turn apart
+                rows.append((number[AXIAL, i, v, a_n - own, 0], shift + np.pi))
+            else:
+                rows.append((number[AXIAL, i, v, own, 0], shift))
+    return tuple(map(np.array, zip(*rows, strict=True)))  # type: ignore[return-value]
+
+
+def _diagonal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.ndarray]:
+    a_n, half = layout.azimuth_count, 0.5 * layout.azimuth_step
+    rows = []
+    for i, v in _pairs(layout):
+        for b in range(a_n + 1):
+            own, shift = (0, np.pi) if b == a_n else (b, 0.0)
+            if i == 0:
+                rows.append((number.get((CIRCLE, 0, v, 0, 0), 0), b * half))
+            else:
+                rows.append((number[DIAGONAL, i, v, own, 0], shift))
+    return tuple(map(np.array, zip(*rows, strict=True)))  # type: ignore[return-value]
+
+
+def _horizontal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.ndarray]:
+    a_n, turn = layout.azimuth_count, 2 * layout.azimuth_count
+    rows = [
+        number[HORIZONTAL, i, 0, j if i else 0, (k if i else k + j) % turn]
+        for i in range(layout.elevation_count)
+        for j in range(a_n)
+        for k in range(turn + 1)
+    ]
+    return np.array(rows), np.zeros(len(rows))
+
+
+def _corner_table(placement: SlicePlacement) -> np.ndarray:
+    """Return the sample at every stored intersection, (pairs, a_n + 1, 2·a_n + 1)."""
+    corners = placement.corner_samples()
+    a_n, turn = placement.azimuth_count, 2 * placement.azimuth_count
+    j, k = np.indices((a_n + 1, turn + 1))
+    j_own, k_own = np.where(j == a_n, 0, j), np.where(j == a_n, k + a_n, k) % turn
+    pairs = [(i, v) for v in range(placement.elevation_count) for i in range(v + 1)]
+    return np.stack([corners[i, v][j_own, k_own] for i, v in pairs])
+
+
+__all__ = ["Slices", "reconstruct_slices", "slice_layout"]
