@@ -48,8 +48,12 @@ class Lobe:
         inverse = np.linalg.inv(matrix)
         smallest = np.linalg.svd(matrix, compute_uv=False)[-1]
         return cls(
-            *(float(x) for x in (matrix[0, 0], matrix[1, 0], matrix[1, 1])),
-            *(float(x) for x in (inverse[0, 0], inverse[1, 0], inverse[1, 1])),
+            l_xx=float(matrix[0, 0]),
+            l_yx=float(matrix[1, 0]),
+            l_yy=float(matrix[1, 1]),
+            i_xx=float(inverse[0, 0]),
+            i_yx=float(inverse[1, 0]),
+            i_yy=float(inverse[1, 1]),
             normalisation=float(1.0 / (2.0 * np.pi * np.linalg.det(matrix))),
             bound=float(min(smallest, 1.0) ** 2),
             weight_normal=float(weights[0]),

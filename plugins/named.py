@@ -6,6 +6,7 @@ The docstrings are the manual; ``simrig.plugins.manual`` makes docs/plugins.md f
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def simrig_kurt(props: Any) -> Reflectance:
         clash = [name for name in ("k_d", "k_s", "k_s_2", *_LOBE_NUMBERS) if name in props]
         if clash:
             raise SimrigError(f"simrig_kurt: give 'material' or '{clash[0]}', not both")
-        return kurt_material(props["material"])
+        return _built_in(props["material"])
     lobes = [_kurt_lobe(props, "")]
     if "k_s_2" in props:
         lobes.append(_kurt_lobe(props, "_2"))
@@ -132,6 +133,12 @@ def _load(plugin: str, props: Any) -> Reflectance:
     if not path.is_file():
         raise SimrigError(f"{plugin}: there is no file '{props['filename']}'")
     return load_material(path)
+
+
+@cache
+def _built_in(name: str) -> Kurt:
+    """Return a built-in material, once: its device copies and its sampling stay with it."""
+    return kurt_material(name)
 
 
 def _kurt_lobe(props: Any, suffix: str) -> KurtLobe:

@@ -17,7 +17,7 @@ def register() -> type:
     """
     import mitsuba as mi
 
-    variant = mi.variant()
+    variant = str(mi.variant())
     if variant not in _ADAPTERS:
         adapter = define_adapter()
         for name, build in PLUGINS.items():

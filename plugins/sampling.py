@@ -23,7 +23,8 @@ _AZIMUTH_COUNT = 24
 _GOLDEN = 0.6180339887498949
 _COSINE_SHARE = 0.1  # of the mixture, always: bounds the weight by 10 π f_r
 _SMALLEST, _LARGEST = 0.002, 4.0  # semi-axes of a lobe
-_PASSES, _PASSES_AGAIN = 40, 6
+_PASSES = 40
+_SMALL_GAIN, _PATIENCE = 2e-3, 3  # stop after so many passes that gain less than this share
 
 
 class _Quadrature:
@@ -77,7 +78,8 @@ def fit_mixture(
     Args:
         reflectance: what to sample; non-finite values count as black.
         data: host arrays in place of ``reflectance.data()``.
-        start: mixture of similar data, from which a few passes suffice.
+        start: mixture of similar data, from which a few passes suffice. By default the search
+            starts from a narrow and a wide lobe.
     """
     q = quadrature()
     data = reflectance.prepare(reflectance.data() if data is None else data, False)
@@ -88,14 +90,18 @@ def fit_mixture(
     if not np.any(total > 0.0):
         return start or _initial()
     target = target / np.where(total > 0.0, total, 1.0)
-    best, best_moment = None, np.inf
-    mixture = start or _initial()
-    for _ in range(_PASSES_AGAIN if start else _PASSES):
+    starts = [_initial()] if start is None else [start, _initial()]
+    mixture = min(starts, key=lambda candidate: _improve(candidate, target)[0])
+    best, best_moment, idle = mixture, np.inf, 0
+    for _ in range(_PASSES):
         moment, updated = _improve(mixture, target)
+        idle = 0 if moment < best_moment * (1.0 - _SMALL_GAIN) else idle + 1
         if moment < best_moment:
             best, best_moment = mixture, moment
+        if idle == _PATIENCE:
+            break
         mixture = updated
-    return best or mixture
+    return best
 
 
 def fitted(reflectance: Reflectance) -> Mixture:
