@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from simrig import __version__
-from simrig.cli import doctor, frame
+from simrig.cli import doctor, frame, materials, render, stability
 
 app = typer.Typer(
     name="simrig",
@@ -29,5 +29,5 @@ def start(
         print(context.get_help())
 
 
-for module in (doctor,):
+for module in (doctor, materials, render, stability):
     module.register(app)

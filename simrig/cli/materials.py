@@ -1,0 +1,123 @@
+"""``simrig materials``: what can be measured and rendered by name, and what a file holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simrig.cli import frame
+
+if TYPE_CHECKING:
+    from simrig.reflectance import Reflectance
+
+_PRINTED = "thesis Table D.1, as printed"
+_INFERRED = "thesis Table D.1, second lobe rescaled (inferred, not published)"
+_ALBEDO_VIEWS_DEG = (0.0, 60.0)
+_SHOWN_NUMBERS = 12  # parameters with more values are tables, shown by their shape
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    frame.command(app)(materials)
+
+
+def materials(
+    name: Annotated[
+        str | None,
+        typer.Argument(help="A built-in material, a material file or a scene to describe."),
+    ] = None,
+) -> frame.Report:
+    """List the built-in materials and scenes, or describe one of them or a material file."""
+    from simrig.scenes import SCENES
+
+    if name is None:
+        return _all()
+    if name in SCENES and not Path(name).exists():
+        return _scene(name)
+    return _material(name)
+
+
+def _all() -> frame.Report:
+    from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
+    from simrig.scenes import SCENES
+
+    known = [_summary(kurt_material(n), _PRINTED) for n in KURT_MATERIALS]
+    known += [_summary(kurt_material(n), _INFERRED) for n in RESCALED_MATERIALS]
+    scenes = [{"name": name, "description": SCENES[name].description} for name in SCENES]
+    rows = [
+        (m["name"], m["model"], m["origin"], m["theta_max_deg"], _triple(m["albedo"]["0"]))
+        for m in known
+    ]
+    columns = ("material", "model", "origin", "theta_max", "albedo at the normal (R G B)")
+    return frame.Report(
+        data={"materials": known, "scenes": scenes},
+        shown=[
+            frame.table(columns, rows),
+            frame.table(("scene", "what it shows"), [tuple(s.values()) for s in scenes]),
+            "Any material file also works: MERL, UTIA, RGL, HDF5 (see 'simrig convert --help').",
+        ],
+    )
+
+
+def _material(name: str) -> frame.Report:
+    from simrig.data.load import load_material
+    from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
+
+    origin = _PRINTED if name in KURT_MATERIALS else f"file {name}"
+    if name in RESCALED_MATERIALS:
+        origin = _INFERRED
+    reflectance = load_material(name)
+    about = _summary(reflectance, origin)
+    about["parameters"] = {key: _parameter(value) for key, value in reflectance.data().items()}
+    rows = [(key, about[key]) for key in ("name", "model", "origin", "theta_max_deg", "reciprocal")]
+    rows += [(f"albedo at {view}°", _triple(rgb)) for view, rgb in about["albedo"].items()]
+    rows += list(about["parameters"].items())
+    return frame.Report(data=about, shown=[frame.table(("property", "value"), rows)])
+
+
+def _scene(name: str) -> frame.Report:
+    from simrig.scenes import SCENES
+
+    entry = SCENES[name]
+    options = {key: frame.plain(value) for key, value in entry.options.items()}
+    return frame.Report(
+        data={"name": name, "description": entry.description, "options": options},
+        shown=[
+            f"{name}: {entry.description}",
+            frame.table(("option", "default"), list(options.items())),
+        ],
+    )
+
+
+def _summary(reflectance: Reflectance, origin: str) -> dict[str, Any]:
+    """Return what one line of the list says, angles in degrees, albedo in linear RGB."""
+    import numpy as np
+
+    from simrig.reflectance.albedo import directional_albedo
+
+    albedo = {
+        f"{view:g}": directional_albedo(reflectance, np.radians(view)).tolist()
+        for view in _ALBEDO_VIEWS_DEG
+    }
+    return {
+        "name": reflectance.name,
+        "model": type(reflectance).__name__,
+        "origin": origin,
+        "theta_max_deg": round(float(np.degrees(reflectance.theta_max)), 6),
+        "reciprocal": bool(reflectance.reciprocal),
+        "albedo": albedo,
+    }
+
+
+def _parameter(value: Any) -> Any:
+    """Return small parameters as numbers, and of tables the shape, type and range."""
+    if value.size <= _SHOWN_NUMBERS:
+        return value.tolist()
+    shape = " × ".join(map(str, value.shape))
+    return f"{shape} {value.dtype}, {value.min():.4g} to {value.max():.4g}"
+
+
+def _triple(rgb: list[float]) -> str:
+    return " ".join(f"{c:.4f}" for c in rgb)
