@@ -79,7 +79,8 @@ class HemisphereScheme:
             object.__setattr__(self, key, angles)
         if self.theta.shape != self.phi.shape:
             raise SimrigError(
-                f"scheme '{self.name}' has {self.theta.size} theta but {self.phi.size} phi: give one each"
+                f"scheme '{self.name}' needs as many phi as theta, "
+                f"got {self.phi.size} and {self.theta.size}"
             )
 
     def __len__(self) -> int:

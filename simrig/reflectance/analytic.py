@@ -46,7 +46,9 @@ class Lambert(Reflectance):
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
         z = components(wi)[2]
-        return where_colour(above_horizon(wi, wv), _spread(data["albedo"], 0.0 * z + 1.0 / np.pi, wi))
+        return where_colour(
+            above_horizon(wi, wv), _spread(data["albedo"], 0.0 * z + 1.0 / np.pi, wi)
+        )
 
 
 def _spread(colour: Array, factor: Array, like: Array) -> Array:
@@ -67,6 +69,18 @@ def _half_vector_terms(wi: Array, wv: Array) -> tuple[Array, Array, Array, Array
     x, y, z = ix + vx, iy + vy, xp.maximum(iz + vz, _TINY)
     squared = x * x + y * y + z * z
     return x, y, z, squared, 0.5 * xp.sqrt(squared)
+
+
+def _one_minus_v_dot_h(wi: Array, wv: Array, v_dot_h: Array) -> Array:
+    """Return 1 - v·h from the difference of the directions, precise where they agree."""
+    x, y, z = (i - v for i, v in zip(components(wi), components(wv), strict=True))
+    return 0.25 * (x * x + y * y + z * z) / (1.0 + v_dot_h)
+
+
+def _exp_or_zero(exponent: Array) -> Array:
+    """Return the exponential, and exactly 0 where float32 would lose digits to denormals."""
+    xp = namespace(exponent)
+    return xp.select(exponent < -80.0, 0.0, xp.exp(xp.maximum(exponent, -80.0)))
 
 
 class Ward(Reflectance):
@@ -118,14 +132,16 @@ class Ward(Reflectance):
         xp = namespace(x)
         m_x, m_y = data["m_x"], data["m_y"]
         slope_x, slope_y = x / (z * m_x), y / (z * m_y)
-        lobe = xp.exp(-(slope_x * slope_x + slope_y * slope_y)) / (4.0 * np.pi * m_x * m_y)
+        exponent = -(slope_x * slope_x + slope_y * slope_y)
+        lobe = _exp_or_zero(exponent) / (4.0 * np.pi * m_x * m_y)
         cosines = xp.maximum(components(wi)[2] * components(wv)[2], _TINY)
         if self.variant == "ward":
             lobe = lobe / xp.sqrt(cosines)
         elif self.variant == "duer":
             lobe = lobe / cosines
         else:
-            lobe = lobe * (4.0 * squared) / (z * z * z * z)
+            # in this order nothing overflows or underflows in float32, as 4|h|²/z⁴ would
+            lobe = lobe * (squared / (z * z)) * (4.0 / (z * z))
         k_d, k_s = data["k_d"], data["k_s"]
         value = _spread(k_d, 0.0 * z + 1.0 / np.pi, wi) + _spread(k_s, lobe, wi)
         return where_colour(above_horizon(wi, wv), value)
@@ -195,22 +211,21 @@ class Kurt(Reflectance):
         tangent_x, tangent_y = x / z, y / z
         cos_squared = xp.maximum(z * z / squared, 1e-8)
         v_dot_h = xp.maximum(v_dot_h, 1e-6)
-        one_minus = xp.maximum(1.0 - v_dot_h, 0.0)
+        one_minus = _one_minus_v_dot_h(wi, wv, v_dot_h)
         schlick = one_minus * one_minus * one_minus * one_minus * one_minus
         value = _spread(data["k_d"], 0.0 * z + 1.0 / np.pi, wi)
         for index in range(1, len(self.lobes) + 1):
-            lobe = {key: data[f"lobe_{index}_{key}"] for key in ("k_s", "f_0", "m_x", "m_y", "alpha")}
+            lobe = {
+                key: data[f"lobe_{index}_{key}"] for key in ("k_s", "f_0", "m_x", "m_y", "alpha")
+            }
             slope_x, slope_y = tangent_x / lobe["m_x"], tangent_y / lobe["m_y"]
             fresnel = lobe["f_0"] + (1.0 - lobe["f_0"]) * schlick
-            # one exponential for D and the cosine power; the exponent is clamped so that
-            # float32 underflows to zero instead of producing denormals
+            # one exponential for D and the cosine power
             exponent = -(slope_x * slope_x + slope_y * slope_y) - lobe["alpha"] * log_cosines
             lobe_value = (
                 fresnel
-                * xp.exp(xp.maximum(exponent, -80.0))
-                * xp.select(exponent < -80.0, 0.0, 1.0)
+                * _exp_or_zero(exponent)
                 / (np.pi * lobe["m_x"] * lobe["m_y"] * cos_squared * cos_squared * 4.0 * v_dot_h)
             )
             value = value + _spread(lobe["k_s"], lobe_value, wi)
         return where_colour(above_horizon(wi, wv), value)
-
