@@ -178,7 +178,8 @@ def _open_ends(first, last, periodic, count, gap, slope, diagonal, lower, upper,
     d = gap[a] + gap[a + 1]
     diagonal[a], upper[a] = gap[a + 1], d
     right[a] = (
-        ((gap[a] + 2.0 * d) * gap[a + 1])[:, None] * slope[a] + (gap[a] ** 2)[:, None] * slope[a + 1]
+        ((gap[a] + 2.0 * d) * gap[a + 1])[:, None] * slope[a]
+        + (gap[a] ** 2)[:, None] * slope[a + 1]
     ) / d[:, None]
     d = gap[b - 1] + gap[b - 2]
     diagonal[b], lower[b] = gap[b - 2], d

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from simrig.reconstruction.along_slices import SliceInterpolator
@@ -14,9 +16,21 @@ from simrig.sampling.placement import (
     DIAGONAL,
     HORIZONTAL,
     SlicePlacement,
-    Slices,
     build_slices,
 )
+
+
+class SliceMeasurement(Protocol):
+    """What a reconstruction needs of a measurement; it knows nothing of the truth or the rig."""
+
+    @property
+    def samples(self) -> AdaptiveSamples: ...
+    @property
+    def placement(self) -> SlicePlacement: ...
+    @property
+    def slice_types(self) -> str: ...
+    @property
+    def material(self) -> str: ...
 
 
 def slice_layout(
@@ -41,6 +55,31 @@ def slice_layout(
         placement.theta_max,
         azimuth_samples,
         round(top / node_step) + 1,
+    )
+
+
+def reconstruct(
+    measurement: SliceMeasurement,
+    interpolation: str = "cubic",
+    *,
+    azimuth_samples: int = 360,
+    largest_node_step_deg: float = 2.0,
+) -> SliceReflectance:
+    """Return the reflectance that a measurement along slices gives.
+
+    Args:
+        measurement: what a rig recorded (``simrig.rigs.measurement.Measurement``).
+        interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
+        azimuth_samples, largest_node_step_deg: resolution of the tables.
+    """
+    return reconstruct_slices(
+        measurement.samples,
+        measurement.placement,
+        slice_types=measurement.slice_types,
+        interpolation=interpolation,
+        azimuth_samples=azimuth_samples,
+        largest_node_step_deg=largest_node_step_deg,
+        name=f"{measurement.material} from {len(measurement.samples.values)} samples",
     )
 
 
@@ -151,6 +190,3 @@ def _corner_table(placement: SlicePlacement) -> np.ndarray:
     j_own, k_own = np.where(j == a_n, 0, j), np.where(j == a_n, k + a_n, k) % turn
     pairs = [(i, v) for v in range(placement.elevation_count) for i in range(v + 1)]
     return np.stack([corners[i, v][j_own, k_own] for i, v in pairs])
-
-
-__all__ = ["Slices", "reconstruct_slices", "slice_layout"]

@@ -175,7 +175,9 @@ class SliceLayout:
             total = total + read.scaled("corners", data, corner, factor, cells)
         if horizontal:
             for step in (0, 1):
-                for key, weight in zip(("slices_i", "slices_v"), terms["slice_weight"][step], strict=True):
+                for key, weight in zip(
+                    ("slices_i", "slices_v"), terms["slice_weight"][step], strict=True
+                ):
                     value = read.colours("horizontal", data, terms[key][step])
                     lowest = value if lowest is None else namespace(value).minimum(lowest, value)
                     total = total + scale(value, read.repeat(weight, cells))
@@ -206,7 +208,9 @@ class _Reader:
         full = np.repeat(weight, cells)
         return full if self.numpy else self.number(full)
 
-    def scaled(self, key: str, data: Mapping[str, Array], index: np.ndarray, weight, cells) -> Array:
+    def scaled(
+        self, key: str, data: Mapping[str, Array], index: np.ndarray, weight, cells
+    ) -> Array:
         return scale(self.colours(key, data, index), self.repeat(weight, cells))
 
     def minimum_over(self, value: Array, around: list[np.ndarray]) -> Array:

@@ -181,7 +181,9 @@ class SliceReflectance(Reflectance):
                 rows = (_choose(flip, a_n - j, j), _choose(flip, a_n - 1 - j, j + 1))
                 places = (_choose(flip, m + np.pi, m),) * 2
                 if pole is not False:
-                    rows = tuple(xp.select(pole, r, o) for r, o in zip((j, j + 1), rows, strict=True))
+                    rows = tuple(
+                        xp.select(pole, r, o) for r, o in zip((j, j + 1), rows, strict=True)
+                    )
                     around = phi_v if step_i == 0 else phi_i
                     if (step_i, step_v) == (0, 0):
                         around = xp.select(i == 0, phi_v, phi_i)
@@ -301,7 +303,9 @@ def _choose(flip: Array, yes: Array, no: Array) -> Array:
 
 
 def _where(mask: Array, yes: Array, no: Array) -> Array:
-    return np.where(np.asarray(mask)[..., None], yes, no) if is_numpy(no) else dr.select(mask, yes, no)
+    return (
+        np.where(np.asarray(mask)[..., None], yes, no) if is_numpy(no) else dr.select(mask, yes, no)
+    )
 
 
 def _lerp(a: Array, b: Array, t: Array) -> Array:

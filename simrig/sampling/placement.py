@@ -145,7 +145,6 @@ class SlicePlacement:
         keys = np.minimum(key(i, v, j, k), key(v, i, j_swap, k_swap))
         return np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
 
-
     def corner_angles(self) -> np.ndarray:
         """Return (theta_i, theta_v, phi_i, phi_v) of every distinct intersection, (n_0, 4)."""
         corners = self.corner_samples()

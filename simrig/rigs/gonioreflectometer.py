@@ -1,0 +1,191 @@
+"""A virtual gonioreflectometer at the direct level: f_r is evaluated where the rig would look."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+import simrig
+from simrig.cost import Cost
+from simrig.directions import to_vector
+from simrig.errors import SimrigError
+from simrig.reflectance.protocol import Reflectance, evaluate
+from simrig.rigs.measurement import Measurement, ReplayLog, fingerprint
+from simrig.rigs.timing import UTIA_TIMING, GonioreflectometerTiming
+from simrig.sampling.adaptive import AdaptiveSamples, sample_adaptively
+from simrig.sampling.placement import SlicePlacement
+
+Progress = Callable[[int, int], None]  # samples done, samples in total
+
+
+@dataclass(frozen=True)
+class Gonioreflectometer:
+    """Two arms that place one light and one detector anywhere above the sample.
+
+    The direct level forms no image: no optics, exposure or noise is simulated, because the
+    directional plan alone decides the result here.
+
+    Attributes:
+        timing: how long the hardware takes.
+    """
+
+    timing: GonioreflectometerTiming = UTIA_TIMING
+
+    def measure_directions(self, reflectance: Reflectance, angles: np.ndarray) -> np.ndarray:
+        """Return f_r at given directions.
+
+        Args:
+            reflectance: the material.
+            angles: (m, 4) theta_i, theta_v, phi_i, phi_v in radians.
+
+        Returns:
+            (m, 3) linear RGB in 1/sr.
+
+        Raises:
+            SimrigError: an elevation outside [0, 90°), or a value that is negative or not finite.
+        """
+        angles = np.asarray(angles, dtype=np.float64)
+        theta = angles[:, :2]
+        if not np.all((theta >= 0.0) & (theta < np.pi / 2)):
+            worst = np.degrees(theta.flat[np.argmax(np.abs(theta - np.pi / 4))])
+            raise SimrigError(f"elevations must lie in [0, 90) degrees, got {worst:g}")
+        wi = to_vector(angles[:, 0], angles[:, 2])
+        wv = to_vector(angles[:, 1], angles[:, 3])
+        values = evaluate(reflectance, wi, wv)
+        bad = ~np.all(np.isfinite(values) & (values >= 0.0), axis=1)
+        if np.any(bad):
+            where = ", ".join(f"{a:.2f}°" for a in np.degrees(angles[bad][0]))
+            raise SimrigError(
+                f"'{reflectance.name}' is negative or not finite at theta_i, theta_v, phi_i, "
+                f"phi_v = {where}: repair the material's data"
+            )
+        return values
+
+    def measure(
+        self,
+        reflectance: Reflectance,
+        placement: SlicePlacement,
+        samples: int,
+        *,
+        slice_types: str = "all",
+        k: float = 0.9,
+        p_1: int = 5,
+        p_2: int = 5,
+        checkpoint: Path | None = None,
+        progress: Progress | None = None,
+    ) -> Measurement:
+        """Measure one material adaptively along slices.
+
+        Args:
+            reflectance: the material.
+            placement: where the slices lie.
+            samples: number of distinct direction pairs.
+            slice_types: ``"all"`` or ``"axial_diagonal"``.
+            k, p_1, p_2: parameters of thesis algorithm 5.1.
+            checkpoint: file that keeps what was measured so far; an interrupted measurement
+                resumes from it with the same result, and it is removed at the end.
+            progress: called with the number of samples done and in total.
+
+        Raises:
+            SimrigError: a plan that cannot hold the samples, a placement beyond the material's
+                data, a checkpoint of another measurement.
+        """
+        self._check_reach([reflectance], placement)
+        setting = {
+            **asdict(placement),
+            "samples": samples,
+            "slice_types": slice_types,
+            "k": k,
+            "p_1": p_1,
+            "p_2": p_2,
+            "material": fingerprint(reflectance),
+        }
+        log = ReplayLog(checkpoint, setting)
+
+        def take(angles: np.ndarray) -> np.ndarray:
+            values = self.measure_directions(reflectance, angles)
+            if progress is not None:
+                progress(len(log) + len(values), samples)
+            return values
+
+        start = time.perf_counter()
+        found = sample_adaptively(
+            lambda angles, _: log.measure(angles, take, 512 if checkpoint else len(angles)),
+            placement,
+            samples,
+            slice_types=slice_types,
+            k=k,
+            p_1=p_1,
+            p_2=p_2,
+        )[0]
+        seconds = time.perf_counter() - start
+        log.remove()
+        return self._measurement(found, placement, slice_types, reflectance, setting, seconds)
+
+    def measure_many(
+        self,
+        reflectances: Sequence[Reflectance],
+        placement: SlicePlacement,
+        samples: int,
+        *,
+        slice_types: str = "all",
+    ) -> list[Measurement]:
+        """Measure several materials at once, each with the same number of samples.
+
+        The result equals ``measure`` for each of them; the slices of all are refined together.
+        """
+        self._check_reach(reflectances, placement)
+
+        def take(angles: np.ndarray, owner: np.ndarray) -> np.ndarray:
+            values = np.empty((len(angles), 3))
+            for number, reflectance in enumerate(reflectances):
+                mine = owner == number
+                values[mine] = self.measure_directions(reflectance, angles[mine])
+            return values
+
+        start = time.perf_counter()
+        found = sample_adaptively(
+            take, placement, samples, materials=len(reflectances), slice_types=slice_types
+        )
+        seconds = (time.perf_counter() - start) / len(reflectances)
+        return [
+            self._measurement(own, placement, slice_types, material, {"samples": samples}, seconds)
+            for own, material in zip(found, reflectances, strict=True)
+        ]
+
+    def _check_reach(self, reflectances: Sequence[Reflectance], placement: SlicePlacement) -> None:
+        for reflectance in reflectances:
+            if placement.theta_max > reflectance.theta_max + 1e-9:
+                own, asked = np.degrees([reflectance.theta_max, placement.theta_max])
+                raise SimrigError(
+                    f"'{reflectance.name}' has data up to theta = {own:g} degrees, the plan asks "
+                    f"for {asked:g}: lower theta_max"
+                )
+
+    def _measurement(
+        self,
+        found: AdaptiveSamples,
+        placement: SlicePlacement,
+        slice_types: str,
+        reflectance: Reflectance,
+        setting: dict,
+        seconds: float,
+    ) -> Measurement:
+        count = len(found.values)
+        cost = Cost(
+            samples=count,
+            hardware_seconds=self.timing.seconds(count, adaptive=True),
+            compute_seconds=seconds,
+            bytes=count * 7 * 8,
+        )
+        provenance = {
+            "rig": "gonioreflectometer, direct level",
+            "plan": f"adaptive along slices, {placement.describe()}, {slice_types}",
+            "parameters": setting,
+            "simrig_version": simrig.__version__,
+        }
+        return Measurement(found, placement, slice_types, reflectance.name, cost, provenance)
