@@ -76,7 +76,7 @@ def as_image(values: np.ndarray, what: str = "the image") -> np.ndarray:
             f"{what} has {int(bad.sum())} values that are NaN or infinite, "
             f"the first in row {row}, column {column}"
         )
-    return np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)))
+    return np.ascontiguousarray(image if image.shape[2] == 3 else np.repeat(image, 3, axis=2))
 
 
 def write_exr(
@@ -210,7 +210,7 @@ def _linear_rgb(path: Path, bitmap: mi.Bitmap) -> np.ndarray:
         bitmap = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
     values = np.asarray(bitmap)
     values = values[..., None] if values.ndim == 2 else values
-    names = [field.name for field in bitmap.struct_()]
+    names = [field.name for field in bitmap.struct_()]  # type: ignore[attr-defined]
     for wanted in (["R", "G", "B"], ["Y"]):
         if all(name in names for name in wanted):
             return values[..., [names.index(name) for name in wanted]]

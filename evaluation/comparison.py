@@ -1,0 +1,261 @@
+"""Comparisons: all metrics between two images or two reflectances, as numbers, table and maps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from rich.table import Table
+
+from simrig.evaluation import metrics
+from simrig.evaluation.angular_grid import CHANNELS, AngularGrid, grid_sums
+from simrig.evaluation.mre import RelativeError, relative_error
+from simrig.reflectance.protocol import Reflectance
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What a number means.
+
+    Attributes:
+        label: its name in tables.
+        unit: its unit, empty for a pure number.
+        lower_is_better: its direction.
+        about: one line that says how it is taken.
+    """
+
+    label: str
+    unit: str
+    lower_is_better: bool
+    about: str
+
+    @property
+    def direction(self) -> str:
+        """``"lower is better"`` or ``"higher is better"``."""
+        return "lower is better" if self.lower_is_better else "higher is better"
+
+
+IMAGE_METRICS: dict[str, Metric] = {
+    "delta_e": Metric("CIE ΔE 1976", "ΔE", True, "mean over pixels, L*a*b* under D65"),
+    "delta_e_2000": Metric("CIE ΔE 2000", "ΔE", True, "mean over pixels, L*a*b* under D65"),
+    "mse": Metric("MSE", "8-bit steps²", True, "sRGB scaled to 255"),
+    "rmse": Metric("RMSE", "8-bit steps", True, "sRGB scaled to 255"),
+    "psnr": Metric("PSNR", "dB", False, "sRGB scaled to 255, peak 255"),
+    "ssim": Metric("SSIM", "", False, "sRGB, Gaussian 11×11, mean of the channels"),
+    "log_psnr": Metric("log-PSNR", "dB", False, "linear values, peak 1e4, floor 1e-5"),
+    "flip": Metric("FLIP", "", True, "mean over pixels, 67 pixels per degree"),
+    "hdr_flip": Metric("HDR-FLIP", "", True, "mean over pixels, linear values"),
+}
+
+REFLECTANCE_METRICS: dict[str, Metric] = {
+    "mre": Metric("MRE", "%", True, "mean of |f − f'| / f over the grid"),
+    "rmse": Metric("RMSE", "1/sr", True, "over the grid"),
+    "log_psnr": Metric("log-PSNR", "dB", False, "peak 1e4, floor 1e-5"),
+}
+
+
+@dataclass(frozen=True)
+class ComparisonMaps:
+    """Per-pixel results, each (height, width) float64 but ``difference``.
+
+    Attributes:
+        delta_e: CIE ΔE 1976.
+        ssim: structural similarity, NaN in the outermost five pixels.
+        flip: LDR-FLIP.
+        difference: 255 − scale·|I1 − I2|, uint8 (height, width, 3).
+    """
+
+    delta_e: np.ndarray
+    ssim: np.ndarray
+    flip: np.ndarray
+    difference: np.ndarray
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two images compared; ``IMAGE_METRICS`` says what the numbers mean.
+
+    PSNR and log-PSNR are infinite for identical images.
+
+    Attributes:
+        exposure: of the display on which the images are shown.
+        pixels: how many pixels count.
+        difference_scale: s of the difference image 255 − s·|I1 − I2|.
+        maps: the same per pixel.
+    """
+
+    delta_e: float
+    delta_e_2000: float
+    mse: float
+    rmse: float
+    psnr: float
+    ssim: float
+    log_psnr: float
+    flip: float
+    hdr_flip: float
+    exposure: float
+    pixels: int
+    difference_scale: float
+    maps: ComparisonMaps = field(repr=False, compare=False)
+
+    def to_dict(self) -> dict[str, float | int | None]:
+        """Return the numbers for JSON; an infinite PSNR (identical images) becomes None."""
+        numbers = {name: finite(getattr(self, name)) for name in IMAGE_METRICS}
+        settings = {
+            "exposure": self.exposure,
+            "pixels": self.pixels,
+            "difference_scale": self.difference_scale,
+        }
+        return numbers | settings
+
+    def table(self, title: str = "Image comparison") -> Table:
+        """Return the numbers as a table for the terminal."""
+        values = {name: getattr(self, name) for name in IMAGE_METRICS}
+        caption = f"{self.pixels:,} pixels, exposure {self.exposure:g}"
+        return metric_table({"value": values}, IMAGE_METRICS, title, caption)
+
+
+@dataclass(frozen=True)
+class ReflectanceComparison:
+    """Two reflectances compared; ``REFLECTANCE_METRICS`` says what the numbers mean.
+
+    Attributes:
+        mre: mean relative error, in percent.
+        rmse: root mean squared error, in 1/sr.
+        log_psnr: in dB, infinite for equal reflectances.
+        relative_error: the MRE per channel and how it came about.
+        grid: the direction pairs.
+    """
+
+    mre: float
+    rmse: float
+    log_psnr: float
+    relative_error: RelativeError
+    grid: AngularGrid
+
+    def to_dict(self) -> dict[str, float | int | None]:
+        """Return the numbers for JSON; an infinite log-PSNR becomes None."""
+        numbers = {name: finite(getattr(self, name)) for name in REFLECTANCE_METRICS}
+        settings = {
+            "step_deg": self.grid.step_deg,
+            "theta_max_deg": self.grid.theta_max_deg,
+            "excluded": self.relative_error.excluded,
+        }
+        return numbers | settings
+
+    def table(self, title: str = "Reflectance comparison") -> Table:
+        """Return the numbers as a table for the terminal."""
+        values = {name: getattr(self, name) for name in REFLECTANCE_METRICS}
+        caption = (
+            f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°, "
+            f"elevations to {self.grid.theta_max_deg:g}°"
+        )
+        if self.relative_error.excluded:
+            caption += f"; MRE without {self.relative_error.excluded:,} values of zero truth"
+        return metric_table({"value": values}, REFLECTANCE_METRICS, title, caption)
+
+
+def finite(value: float) -> float | None:
+    """Return the value, or None where JSON has no number for it."""
+    return float(value) if math.isfinite(value) else None
+
+
+def metric_table(
+    columns: dict[str, dict[str, float]],
+    meanings: dict[str, Metric],
+    title: str,
+    caption: str | None = None,
+) -> Table:
+    """Return metrics side by side as a table: one row per metric, one column per result."""
+    table = Table(title=title, caption=caption, caption_justify="left")
+    table.add_column("metric")
+    for name in columns:
+        table.add_column(name, justify="right")
+    for heading in ("unit", "better", "how"):
+        table.add_column(heading)
+    for name, meaning in meanings.items():
+        values = [_number(column[name]) for column in columns.values()]
+        better = "lower" if meaning.lower_is_better else "higher"
+        table.add_row(meaning.label, *values, meaning.unit, better, meaning.about)
+    return table
+
+
+def _number(value: float) -> str:
+    return "∞ (identical)" if math.isinf(value) else f"{value:.4g}"
+
+
+def compare_images(
+    reference: np.ndarray,
+    image: np.ndarray,
+    mask: np.ndarray | None = None,
+    exposure: float = 1.0,
+    difference_scale: float = 10.0,
+) -> Comparison:
+    """Compare an image with its reference by every metric.
+
+    Args:
+        reference, image: linear RGB >= 0, shape (height, width, 3), at least 11 × 11 pixels.
+        mask: pixels that count, shape (height, width); all by default. On a black background
+            ``metrics.foreground_mask(reference, image)`` is usually what is meant.
+        exposure: factor to the linear values before they are shown; above 1 they clip.
+        difference_scale: s of the difference image 255 − s·|I1 − I2|.
+
+    Raises:
+        SimrigError: for images that cannot be compared, see ``metrics.check_pair``.
+    """
+    reference, image, counted = metrics.check_pair(reference, image, mask)
+    maps = ComparisonMaps(
+        delta_e=metrics.delta_e_map(reference, image, exposure),
+        ssim=metrics.ssim_map(reference, image, exposure),
+        flip=metrics.flip_map(reference, image, exposure),
+        difference=metrics.difference_image(reference, image, difference_scale, exposure),
+    )
+    delta_e_2000 = metrics.delta_e_map(reference, image, exposure, "2000")
+    hdr_flip = metrics.flip_map(reference, image, hdr=True)
+    error = metrics.mse(reference, image, counted, exposure)
+    return Comparison(
+        delta_e=float(maps.delta_e[counted].mean()),
+        delta_e_2000=float(delta_e_2000[counted].mean()),
+        mse=error,
+        rmse=math.sqrt(error),
+        psnr=metrics.psnr_from_mse(error),
+        ssim=metrics.ssim_mean(maps.ssim, counted),
+        log_psnr=metrics.log_psnr(reference[counted], image[counted]),
+        flip=float(maps.flip[counted].mean()),
+        hdr_flip=float(hdr_flip[counted].mean()),
+        exposure=exposure,
+        pixels=int(counted.sum()),
+        difference_scale=difference_scale,
+        maps=maps,
+    )
+
+
+def compare_reflectances(
+    truth: Reflectance,
+    approximation: Reflectance | np.ndarray,
+    *,
+    step_deg: float = 2.0,
+    theta_max_deg: float = 80.0,
+) -> ReflectanceComparison:
+    """Compare a reflectance with the truth over the whole grid of direction pairs.
+
+    Args:
+        truth: the reference f.
+        approximation: f', a reflectance or a dense array (theta_i, theta_v, phi_i, phi_v, rgb).
+        step_deg, theta_max_deg: see ``AngularGrid``.
+
+    Raises:
+        SimrigError: see ``simrig.evaluation.mre.mre_exact``.
+    """
+    grid = AngularGrid(step_deg, theta_max_deg)
+    sums = grid_sums(truth, approximation, grid, squares=True, log_floor=metrics.LOG_FLOOR)
+    values = grid.directions * CHANNELS
+    error = relative_error(sums)
+    return ReflectanceComparison(
+        mre=error.percent,
+        rmse=math.sqrt(sums.squared.sum() / values),
+        log_psnr=metrics.log_psnr_from_mse(sums.squared_log.sum() / values),
+        relative_error=error,
+        grid=grid,
+    )
