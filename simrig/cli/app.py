@@ -7,14 +7,13 @@ from typing import Annotated
 import typer
 
 from simrig import __version__
-from simrig.cli import doctor, frame, materials, render, stability
+from simrig.cli import compare, doctor, frame, materials, measure, render, stability, studies
 
 app = typer.Typer(
     name="simrig",
     cls=frame.OneLineErrors,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="A virtual laboratory for measuring how materials look.",
 )
 
 
@@ -23,11 +22,12 @@ def start(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
 ) -> None:
+    """A virtual laboratory for measuring how materials look."""
     if version:
         print(f"simrig {__version__}")
     elif context.invoked_subcommand is None:
         print(context.get_help())
 
 
-for module in (doctor, materials, render, stability):
+for module in (doctor, materials, measure, render, compare, studies, stability):
     module.register(app)

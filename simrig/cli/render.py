@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
 from simrig.errors import SimrigError
-
-if TYPE_CHECKING:
-    from simrig.scenes import DirectionalLights
 
 
 def register(app: typer.Typer) -> None:
@@ -59,6 +56,7 @@ def render(
     from simrig import backend
     from simrig.data.load import load_material
     from simrig.evaluation import rendering
+    from simrig.evaluation.environment import BUILTIN, environment_lights
     from simrig.plugins import make_bsdf
     from simrig.scenes import build_scene
 
@@ -68,7 +66,7 @@ def render(
         variant = backend.select(variant)
         options: dict[str, Any] = {"resolution": resolution, "light": light}
         if environment is not None or lights is not None:
-            options["lights"] = _directional_lights(environment, lights or 256)
+            options["lights"] = environment_lights(environment or BUILTIN, lights or 256)
         options = {key: value for key, value in options.items() if value is not None}
         bsdf = make_bsdf(load_material(material), rotation)
         with frame.progress("rendering") as report:
@@ -85,16 +83,6 @@ def render(
             f"{result.run_seconds:.2f} s and {result.compile_seconds:.2f} s of compilation"
         ],
     )
-
-
-def _directional_lights(environment: Path | None, count: int) -> DirectionalLights:
-    """Return an environment as lights, exposed so that a white diffuser reaches radiance 1."""
-    from simrig.data.images import read_image
-    from simrig.scenes import builtin_environment, median_cut
-
-    radiance = builtin_environment() if environment is None else read_image(environment)
-    lights = median_cut(radiance, count)
-    return lights.scaled(lights.white_exposure())
 
 
 def _write(files: list[Path], image: Any, exposure: float, about: dict[str, Any]) -> None:

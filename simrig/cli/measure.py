@@ -1,0 +1,157 @@
+"""``simrig measure`` and ``simrig reconstruct``: from a material to samples to a reflectance."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from simrig.cli import frame
+from simrig.cli.outputs import output_file
+from simrig.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.sampling.placement import SlicePlacement
+
+
+class SliceTypes(StrEnum):
+    """Which slices are measured; the library writes the second with an underscore."""
+
+    ALL = "all"
+    AXIAL_DIAGONAL = "axial-diagonal"
+
+
+class Interpolation(StrEnum):
+    """How values are interpolated along a slice."""
+
+    CUBIC = "cubic"
+    PCHIP = "pchip"
+    LINEAR = "linear"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    frame.command(app)(measure)
+    frame.command(app)(reconstruct)
+
+
+def measure(
+    material: Annotated[str, typer.Argument(help="A built-in material or a material file.")],
+    output: Annotated[Path, typer.Option(help="The measurement (.h5).")],
+    samples: Annotated[int, typer.Option(help="Distinct direction pairs to measure.")] = 8911,
+    elevation_step: Annotated[
+        float | None,
+        typer.Option(help="Degrees between elevations; by Table 5.1 for --samples else."),
+    ] = None,
+    azimuth_step: Annotated[
+        float | None, typer.Option(help="Degrees between slices; given with --elevation-step.")
+    ] = None,
+    theta_max: Annotated[float, typer.Option(help="Largest elevation in degrees.")] = 80.0,
+    slices: Annotated[SliceTypes, typer.Option(help="Which slices.")] = SliceTypes.ALL,
+    k: Annotated[float, typer.Option(help="Parameter k of algorithm 5.1.")] = 0.9,
+    p_1: Annotated[int, typer.Option("--p1", help="Parameter p_1 of algorithm 5.1.")] = 5,
+    p_2: Annotated[int, typer.Option("--p2", help="Parameter p_2 of algorithm 5.1.")] = 5,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
+) -> frame.Report:
+    """Measure a material adaptively along slices with the virtual gonioreflectometer.
+
+    What was measured so far is kept in .NAME.checkpoint beside the output: after Ctrl-C (or a
+    kill) the same command goes on from there, with the same result as without the interruption.
+    """
+    placement = _placement(samples, elevation_step, azimuth_step, theta_max)
+
+    from simrig.data.load import load_material
+    from simrig.rigs.gonioreflectometer import Gonioreflectometer
+
+    with output_file(output, force):
+        reflectance = load_material(material)
+        checkpoint = output.with_name(f".{output.name}.checkpoint")
+        frame.on_interrupt(f"run the same command again to go on from '{checkpoint}'")
+        with frame.progress(f"measuring {reflectance.name}") as report:
+            measurement = Gonioreflectometer().measure(
+                reflectance,
+                placement,
+                samples,
+                slice_types=slices.replace("-", "_"),
+                k=k,
+                p_1=p_1,
+                p_2=p_2,
+                checkpoint=checkpoint,
+                progress=report,
+            )
+        measurement.save(output)
+    cost = measurement.cost
+    return frame.Report(
+        data={
+            "output": output,
+            "material": measurement.material,
+            "placement": placement.describe(),
+            "intersections": placement.intersections,
+            "slices": str(slices),
+            "cost": cost.as_dict(),
+            "provenance": dict(measurement.provenance),
+        },
+        shown=[
+            f"{output}: {cost.samples} samples of {measurement.material}, {placement.describe()} "
+            f"({placement.intersections} intersections), {slices} slices",
+            f"cost: {cost.hardware_hours:.1f} h of simulated hardware, "
+            f"{cost.compute_seconds:.2f} s of computing",
+        ],
+    )
+
+
+def _placement(
+    samples: int, elevation_step: float | None, azimuth_step: float | None, theta_max: float
+) -> SlicePlacement:
+    from simrig.sampling.placement import SlicePlacement, optimal_placement
+
+    if (elevation_step is None) != (azimuth_step is None):
+        raise SimrigError("give --elevation-step and --azimuth-step together, or neither")
+    if elevation_step is None or azimuth_step is None:
+        return optimal_placement(samples, theta_max)
+    return SlicePlacement.from_degrees(elevation_step, azimuth_step, theta_max)
+
+
+def reconstruct(
+    measurement: Annotated[Path, typer.Argument(help="A measurement written by 'measure'.")],
+    output: Annotated[
+        Path, typer.Option(help="The reflectance: .h5, or another format by its ending.")
+    ],
+    interpolation: Annotated[
+        Interpolation, typer.Option(help="Along the slices; pchip never overshoots.")
+    ] = Interpolation.CUBIC,
+    format: Annotated[
+        str | None, typer.Option(help="See 'simrig convert --help'; by the ending else.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
+) -> frame.Report:
+    """Reconstruct the whole reflectance from a measurement along slices."""
+    from time import perf_counter
+
+    from simrig.data.load import save_material
+    from simrig.reconstruction.slices import reconstruct as from_slices
+    from simrig.rigs.measurement import Measurement
+
+    measured = Measurement.load(measurement)
+    with output_file(output, force):
+        start = perf_counter()
+        reflectance = from_slices(measured, str(interpolation))
+        seconds = perf_counter() - start
+        save_material(reflectance, output, format)
+    size = output.stat().st_size
+    return frame.Report(
+        data={
+            "output": output,
+            "material": reflectance.name,
+            "samples": measured.cost.samples,
+            "interpolation": str(interpolation),
+            "compute_seconds": seconds,
+            "bytes": size,
+        },
+        shown=[
+            f"{output}: {reflectance.name} from {measured.cost.samples} samples in "
+            f"{seconds:.2f} s, {size:,} bytes"
+        ],
+    )

@@ -1,0 +1,197 @@
+"""The house plan: which room may import which, what stands at the top level, what is documented."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = ("simrig", "plugins", "scenes", "evaluation")
+
+FOUNDATION = {"errors", "arrays", "cost", "backend"}
+KINDS = FOUNDATION | {"directions", "reflectance"}
+METHODS = KINDS | {"data", "sampling", "reconstruction"}
+RIGS = METHODS | {"imaging", "plugins", "scenes"}
+EVERYTHING = RIGS | {"perception", "rigs", "evaluation", "doctor"}
+
+# room: the rooms that it may import (docs/architecture.md says the same in words)
+MAY_IMPORT = {
+    "errors": set(),
+    "cost": set(),
+    "arrays": {"errors"},
+    "backend": {"errors"},
+    "directions": FOUNDATION,
+    "reflectance": FOUNDATION | {"directions"},
+    "data": KINDS,
+    "sampling": KINDS,
+    "reconstruction": KINDS | {"sampling"},
+    "imaging": FOUNDATION,
+    "perception": FOUNDATION | {"imaging"},
+    "plugins": KINDS,
+    "scenes": FOUNDATION,
+    "rigs": RIGS,
+    "evaluation": EVERYTHING,
+    "doctor": EVERYTHING,
+    "cli": EVERYTHING,
+}
+# arrows against the flow; allowed inside a function only, never while a module is loaded
+LAZILY = {
+    ("backend", "plugins"): "a variant is not ready before our plugins are registered in it",
+    ("plugins", "data"): "a plugin's 'filename' may be of any format that we read",
+}
+
+TOP_LEVEL = {
+    *(".ci", ".gitignore", "Makefile", "README.md", "pyproject.toml"),
+    *("docs", "evaluation", "plugins", "scenes", "simrig", "tests"),
+}
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """An import of one room by another."""
+
+    file: str
+    line: int
+    source: str
+    target: str
+    lazy: bool
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {self.source} imports {self.target}"
+
+
+def source_files() -> list[Path]:
+    return [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def room_of_file(path: Path) -> str:
+    first, *rest = path.relative_to(ROOT).parts
+    return rest[0].removesuffix(".py") if first == "simrig" else first
+
+
+def room_of_module(module: str) -> str:
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def imported_modules(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [name.name for name in node.names]
+    if isinstance(node, ast.ImportFrom) and node.module == "simrig":
+        return [f"simrig.{name.name}" for name in node.names]
+    if isinstance(node, ast.ImportFrom):
+        return [node.module or ""]
+    return []
+
+
+def only_for_types(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+
+
+def imports(node: ast.AST, lazy: bool = False) -> Iterator[tuple[int, str, bool]]:
+    """Yield (line, module, inside a function or for types only) of every import below a node."""
+    for child in ast.iter_child_nodes(node):
+        for module in imported_modules(child):
+            yield child.lineno, module, lazy  # type: ignore[attr-defined]
+        function = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        yield from imports(child, lazy or function or only_for_types(child))
+
+
+def arrows(path: Path, text: str) -> Iterator[Arrow]:
+    source = room_of_file(path)
+    for line, module, lazy in imports(ast.parse(text)):
+        if module.split(".")[0] != "simrig":
+            continue
+        target = room_of_module(module)
+        if target not in (source, "__init__", "__version__"):
+            yield Arrow(str(path.relative_to(ROOT)), line, source, target, lazy)
+
+
+def forbidden(arrow: Arrow) -> bool:
+    if (arrow.source, arrow.target) in LAZILY:
+        return not arrow.lazy
+    return arrow.target not in MAY_IMPORT.get(arrow.source, set())
+
+
+def test_rooms_import_only_what_the_plan_allows() -> None:
+    bad = [
+        str(a) for path in source_files() for a in arrows(path, path.read_text()) if forbidden(a)
+    ]
+    assert not bad, "\n".join(["against docs/architecture.md:", *bad])
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("simrig/sampling/a.py", "from simrig.rigs import gonioreflectometer"),
+        ("simrig/reflectance/a.py", "import simrig.data.load"),
+        ("simrig/reconstruction/a.py", "def f():\n    from simrig import evaluation"),
+        ("simrig/backend.py", "from simrig.plugins.register import register"),
+        ("simrig/nowhere/a.py", "from simrig import errors"),
+        ("evaluation/a.py", "from simrig.cli import frame"),
+        ("scenes/a.py", "if True:\n    from simrig.plugins import make_bsdf"),
+    ],
+)
+def test_a_planted_arrow_is_found(file: str, text: str) -> None:
+    assert [a for a in arrows(ROOT / file, text) if forbidden(a)]
+
+
+def test_no_room_is_imported_under_its_bare_name() -> None:
+    """A bare ``import plugins`` would make a second copy of the modules."""
+    bare = {"plugins", "scenes", "evaluation"}
+    tests = sorted((ROOT / "tests").glob("*.py"))
+    for path in [*source_files(), *tests]:
+        for line, module, _ in imports(ast.parse(path.read_text())):
+            assert module.split(".")[0] not in bare, f"{path}:{line}"
+
+
+def test_relative_imports_are_not_used() -> None:
+    for path in source_files():
+        for node in ast.walk(ast.parse(path.read_text())):
+            assert not (isinstance(node, ast.ImportFrom) and node.level), f"{path}:{node.lineno}"
+
+
+def test_the_top_level_holds_only_what_was_given() -> None:
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    assert {name.split("/")[0] for name in listed} == TOP_LEVEL
+
+
+def module_names() -> list[str]:
+    names = []
+    for path in source_files():
+        first, *rest = path.relative_to(ROOT).with_suffix("").parts
+        parts = ("simrig", *rest) if first == "simrig" else ("simrig", first, *rest)
+        if parts[-1] != "__main__":
+            names.append(".".join(parts).removesuffix(".__init__"))
+    return names
+
+
+def undocumented(module: ModuleType) -> Iterator[str]:
+    """Yield the public functions and classes of a module that say nothing of themselves."""
+    for name, item in vars(module).items():
+        item = inspect.unwrap(item) if callable(item) else item
+        own = getattr(item, "__module__", None) == module.__name__
+        if name.startswith("_") or not own or not callable(item):
+            continue
+        written = item.__doc__ or ""
+        if not written or written.startswith(f"{name}("):  # what a dataclass gives itself
+            yield name
+
+
+@pytest.mark.parametrize("name", module_names())
+def test_everything_public_is_documented(name: str) -> None:
+    module = importlib.import_module(name)
+    assert module.__doc__
+    assert list(undocumented(module)) == []
