@@ -14,6 +14,8 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
+from simrig.errors import SimrigError
+
 OK, NOTE, MISSING = "ok", "note", "missing"
 
 _NEEDED_MEMORY_GIB = 2.0  # the dense 41 x 41 x 180 x 180 RGB array is 0.6 GiB, and is held twice
@@ -54,7 +56,7 @@ def examine(output: str | Path = ".") -> list[Finding]:
     findings: list[Finding] = []
     for check in (_python, _packages, _llvm, _cuda, _kernel, _variant, _plugins, _threads, _memory):
         findings.extend(_survive(check))
-    findings.extend(_survive(lambda: _disk(Path(output))))
+    findings.extend(_survive(_disk, Path(output)))
     return findings
 
 
@@ -63,13 +65,16 @@ def healthy(findings: list[Finding]) -> bool:
     return all(finding.state != MISSING for finding in findings)
 
 
-def _survive(check: Callable[[], Iterator[Finding]]) -> list[Finding]:
+def _survive(check: Callable[..., Iterator[Finding]], *arguments: Path) -> list[Finding]:
     """Run a check; one that fails is itself a finding, and does not stop the others."""
     try:
-        return list(check())
+        return list(check(*arguments))
     except Exception as error:
-        name = getattr(check, "__name__", "check").strip("_")
-        return [Finding(name, MISSING, f"{type(error).__name__}: {error}", _REINSTALL)]
+        return [
+            Finding(
+                check.__name__.strip("_"), MISSING, f"{type(error).__name__}: {error}", _REINSTALL
+            )
+        ]
 
 
 def _python() -> Iterator[Finding]:
