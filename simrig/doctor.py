@@ -69,12 +69,11 @@ def _survive(check: Callable[..., Iterator[Finding]], *arguments: Path) -> list[
     """Run a check; one that fails is itself a finding, and does not stop the others."""
     try:
         return list(check(*arguments))
+    except SimrigError as error:  # says itself what to do
+        return [Finding(check.__name__.strip("_"), MISSING, str(error))]
     except Exception as error:
-        return [
-            Finding(
-                check.__name__.strip("_"), MISSING, f"{type(error).__name__}: {error}", _REINSTALL
-            )
-        ]
+        broken = f"{type(error).__name__}: {error}"
+        return [Finding(check.__name__.strip("_"), MISSING, broken, _REINSTALL)]
 
 
 def _python() -> Iterator[Finding]:

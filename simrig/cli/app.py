@@ -7,7 +7,17 @@ from typing import Annotated
 import typer
 
 from simrig import __version__
-from simrig.cli import compare, doctor, frame, materials, measure, render, stability, studies
+from simrig.cli import (
+    compare,
+    doctor,
+    experiment,
+    frame,
+    materials,
+    measure,
+    render,
+    stability,
+    studies,
+)
 
 app = typer.Typer(
     name="simrig",
@@ -29,5 +39,5 @@ def start(
         print(context.get_help())
 
 
-for module in (doctor, materials, measure, render, compare, studies, stability):
+for module in (doctor, experiment, materials, measure, render, compare, studies, stability):
     module.register(app)

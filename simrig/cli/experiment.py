@@ -1,0 +1,79 @@
+"""``simrig demo`` and ``simrig run``: the whole path from a material to a report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from simrig.cli import frame
+from simrig.cli.outputs import output_folder
+
+if TYPE_CHECKING:
+    from simrig.evaluation.experiment_config import Experiment
+
+_Output = Annotated[Path, typer.Option(help="The folder for pictures, data and the report.")]
+_Variant = Annotated[str | None, typer.Option(help="Mitsuba variant, or 'auto'.")]
+_Force = Annotated[
+    bool, typer.Option("--force", help="Add the results to a folder that holds other files.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    frame.command(app)(demo)
+    frame.command(app)(run)
+
+
+def demo(
+    material: Annotated[
+        str | None, typer.Option(help="A built-in material or a material file.")
+    ] = None,
+    output: _Output = Path("output/demo"),
+    variant: _Variant = None,
+    force: _Force = False,
+) -> frame.Report:
+    """Measure, reconstruct, render and compare one material, and write a report.
+
+    The folder holds pictures (EXR and PNG), the measurement (HDF5), results.json and report.html,
+    which is one file and needs nothing else. After Ctrl-C the same command goes on.
+    """
+    from simrig.evaluation.experiment_config import demo_experiment
+
+    return _experiment(demo_experiment(material), output, variant, force)
+
+
+def run(
+    experiment: Annotated[Path, typer.Argument(help="An experiment (.toml).")],
+    output: Annotated[
+        Path | None, typer.Option(help="The folder for the results; output/NAME else.")
+    ] = None,
+    variant: _Variant = None,
+    force: _Force = False,
+) -> frame.Report:
+    """Run an experiment: as 'demo', with every setting from a TOML file."""
+    from simrig.evaluation.experiment_config import Experiment
+
+    config = Experiment.from_toml(experiment)
+    return _experiment(config, output or Path("output") / experiment.stem, variant, force)
+
+
+def _experiment(config: Experiment, output: Path, variant: str | None, force: bool) -> frame.Report:
+    from simrig import backend
+    from simrig.evaluation.experiment import run_experiment
+
+    if variant is not None:
+        config = replace(config, variant=variant)
+    backend.resolve(config.variant)  # refused before anything is measured or written
+    with (
+        output_folder(output, force, config.as_dict()) as folder,
+        frame.progress(config.title or config.material) as report,
+    ):
+        results = run_experiment(config, folder, report)
+    written = output / "report.html"
+    return frame.Report(
+        data={"output": output, "report": written, "results": results},
+        shown=[f"{output}: open {written}"],
+    )
