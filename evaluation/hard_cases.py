@@ -208,5 +208,5 @@ def _grid(rng: np.random.Generator, count: int) -> Pair:
 def _opposite(rng: np.random.Generator, count: int) -> Pair:
     wi = np.column_stack([*_circle(rng, count), _tiny(rng, count)])
     wv = _tilted(rng, -wi, _tiny(rng, count))
-    wv[0] = -wi[0] * [1.0, 1.0, -1.0]
+    wi[0], wv[0] = (1.0, 0.0, 1e-12), (-1.0, 0.0, 1e-12)
     return wi, wv

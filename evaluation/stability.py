@@ -136,10 +136,10 @@ def _rows(subject: Subject, cases: Sequence[HardCase], precision: str) -> Iterab
 
 
 def _compute(subject: Subject, pair: list[np.ndarray], precision: str) -> np.ndarray:
-    pair = [v.astype(np.float64) for v in pair]  # exact
-    if precision == "numpy-float64":
-        return subject.compute(*pair, None)
-    return subject.compute(*pair, backend.types(precision.removeprefix("drjit-")).Float)
+    wi, wv = (v.astype(np.float64) for v in pair)  # exact
+    numpy = precision == "numpy-float64"
+    kind = None if numpy else backend.types(precision.removeprefix("drjit-")).Float
+    return subject.compute(wi, wv, kind)
 
 
 def _extended(pair: Sequence[np.ndarray]) -> list[np.ndarray]:

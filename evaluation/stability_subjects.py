@@ -83,7 +83,7 @@ class ReflectanceSubject:
         return np.maximum(np.abs(reference), FAINT)
 
     def negative(self, values: np.ndarray) -> np.ndarray:
-        return (values < 0.0).any(axis=-1)
+        return np.any(values < 0.0, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

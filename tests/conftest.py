@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -12,6 +13,10 @@ try:
     import simrig
 except ImportError as error:  # pragma: no cover
     raise pytest.UsageError("simrig is not installed: run 'make install' first") from error
+
+# The same examples in every run, and no limit on the time of one
+hypothesis.settings.register_profile("simrig", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("simrig")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
