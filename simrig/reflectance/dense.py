@@ -31,10 +31,10 @@ class DenseTable(Reflectance):
     """Quadrilinear interpolation in a table over (theta_i, theta_v, phi_i, phi_v).
 
     Elevations of the nodes are 0, step, 2·step, ... and last theta_max, whose interval may be
-    shorter than the step. Azimuths are regular over the full circle and wrap without a seam. The table is
-    exact at its nodes, never negative, and need not be reciprocal: its order is illumination,
-    then view. A direction at theta = 0 has no azimuth, so values stored there for several
-    azimuths are replaced by their mean.
+    shorter than the step. Azimuths are regular over the full circle and wrap without a seam. The
+    table is exact at its nodes, never negative, and need not be reciprocal: its order is
+    illumination, then view. A direction at theta = 0 has no azimuth, so values stored there for
+    several azimuths are replaced by their mean.
 
     Args:
         values: shape (n_theta, n_theta, n_phi_i, n_phi_v, 3), linear RGB in 1/sr, float32 or
