@@ -16,6 +16,7 @@ import numpy as np
 from simrig.arrays import Array, to_device
 from simrig.errors import SimrigError
 from simrig.plugins.lobes import Lobe, Mixture, mixture_pdf, sample_mixture
+from simrig.plugins.named import number
 from simrig.plugins.sampling import fit_mixture, fitted
 from simrig.plugins.spectral import Upsampler
 from simrig.reflectance.protocol import Reflectance
@@ -46,7 +47,7 @@ def define_adapter() -> type:
         ) -> None:
             super().__init__(props)
             if reflectance is None:
-                rotation_deg = props.get("rotation", 0.0)
+                rotation_deg = number(props, "rotation", 0.0)
                 reflectance = self.build(props)
             self.reflectance = reflectance
             self.data = _device_copies(reflectance, mi)

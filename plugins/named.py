@@ -48,6 +48,9 @@ def simrig_kurt(props: Any) -> Reflectance:
     lobes = [_kurt_lobe(props, "")]
     if "k_s_2" in props:
         lobes.append(_kurt_lobe(props, "_2"))
+    stray = [f"{name}_2" for name in _LOBE_NUMBERS if len(lobes) == 1 and f"{name}_2" in props]
+    if stray:
+        raise SimrigError(f"simrig_kurt: '{stray[0]}' belongs to a second lobe, which needs 'k_s_2'")
     return Kurt(k_d=_colour(props, "k_d", 0.1), lobes=tuple(lobes), name="simrig_kurt")
 
 
@@ -69,8 +72,8 @@ def simrig_ward(props: Any) -> Reflectance:
     return Ward(
         k_d=_colour(props, "k_d", 0.1),
         k_s=_colour(props, "k_s", 0.2),
-        m_x=props.get("m_x", 0.2),
-        m_y=props.get("m_y", 0.2),
+        m_x=number(props, "m_x", 0.2),
+        m_y=number(props, "m_y", 0.2),
         variant=props.get("variant", "bounded"),
         name="simrig_ward",
     )
@@ -124,14 +127,14 @@ def _load(plugin: str, props: Any) -> Reflectance:
     """Load the file that ``filename`` names, relative to the scene where Mitsuba finds it."""
     import mitsuba
 
-    from simrig.data.load import load_material
-
     if "filename" not in props:
         raise SimrigError(f"{plugin}: the parameter 'filename' is missing")
     mi: Any = mitsuba  # the stubs know file_resolver as an object
     path = Path(str(mi.file_resolver().resolve(props["filename"])))
     if not path.is_file():
         raise SimrigError(f"{plugin}: there is no file '{props['filename']}'")
+    from simrig.data.load import load_material
+
     return load_material(path)
 
 
@@ -143,8 +146,22 @@ def _built_in(name: str) -> Kurt:
 
 def _kurt_lobe(props: Any, suffix: str) -> KurtLobe:
     defaults = {"f_0": 1.0, "m_x": 0.2, "m_y": 0.2, "alpha": 0.0}
-    numbers = {name: float(props.get(name + suffix, defaults[name])) for name in _LOBE_NUMBERS}
+    numbers = {name: number(props, name + suffix, defaults[name]) for name in _LOBE_NUMBERS}
     return KurtLobe(k_s=_colour(props, "k_s" + suffix, 0.2), **numbers)
+
+
+def number(props: Any, name: str, default: float) -> float:
+    """Return a property that is one finite number.
+
+    Raises:
+        SimrigError: it is something else.
+    """
+    value = props.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise SimrigError(f"'{name}' must be a number, got {value!r}")
+    if not np.isfinite(value):
+        raise SimrigError(f"{name} must be finite, got {value}")
+    return float(value)
 
 
 def _colour(props: Any, name: str, default: float) -> tuple[float, float, float]:
