@@ -86,12 +86,16 @@ def pixel_directions(scene: Any, light: int = 0) -> ControlSamples:
         light: which of the scene's delta lights (point, directional) illuminates.
 
     Raises:
-        SimrigError: no such light, a light that is no delta light, or a scalar variant.
+        SimrigError: no such light, a light that is no delta light, or a variant other than RGB
+            on LLVM or CUDA.
     """
+    if mi.variant() not in ("llvm_ad_rgb", "cuda_ad_rgb"):
+        raise SimrigError(
+            "pixel directions need the variant 'llvm_ad_rgb' or 'cuda_ad_rgb', "
+            f"this one is '{mi.variant()}': call simrig.backend.select()"
+        )
     if isinstance(scene, dict):
         scene = mi.load_dict(scene)
-    if "scalar" in mi.variant():
-        raise SimrigError("pixel directions need an llvm or cuda variant: backend.select() one")
     emitter = _delta_light(scene, light)
     si, width, height = _look_through_centres(scene)
     ok = si.is_valid()

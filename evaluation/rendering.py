@@ -16,11 +16,19 @@ from simrig import backend
 from simrig.cost import Cost
 from simrig.errors import SimrigError
 from simrig.evaluation.control_samples import ControlSamples, pixel_directions
+from simrig.plugins.make import one_line_errors
 
-__all__ = ["ControlSamples", "RenderResult", "load", "pixel_directions", "render"]
+__all__ = [
+    "ControlSamples",
+    "RenderResult",
+    "display_exposure",
+    "load",
+    "pixel_directions",
+    "render",
+]
 
-# Samples in flight: the kernels keep about 50 bytes of each, so a pass takes below 1 GB, and at
-# the rate of 2 cores it ends, and can be interrupted, within a second or two.
+# Samples at work at once: one pass took about 200 MB in the scenes of this laboratory, and ends,
+# so that an interrupt can take effect, in below a second on 2 cores under one lamp.
 SAMPLES_PER_PASS = 1 << 24
 _WAVEFRONT_LIMIT = 1 << 32  # Dr.Jit counts the elements of an array in 32 bits
 
@@ -56,17 +64,27 @@ def load(scene: Any) -> Any:
     """Return a Mitsuba scene from a dictionary; a scene comes back as it is.
 
     Selects the automatic variant when none is set.
+
+    Raises:
+        SimrigError: Mitsuba cannot build it (unknown plugin, bad parameter), in one line.
     """
     if mi.variant() is None:
         backend.select()
-    if isinstance(scene, dict):
-        return mi.load_dict(scene)
-    return scene
+    return _load_dict(scene, "scene") if isinstance(scene, dict) else scene
+
+
+def _load_dict(description: dict, what: str) -> Any:
+    try:
+        with one_line_errors():
+            return mi.load_dict(description)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise SimrigError(f"cannot build the {what}: {reason}") from error
 
 
 def render(
     scene: Any,
-    spp: int = 16,
+    spp: int | None = None,
     seed: int = 0,
     integrator: Any = None,
     progress: Callable[[int, int], None] | None = None,
@@ -80,9 +98,9 @@ def render(
 
     Args:
         scene: a dictionary (``simrig.scenes``) or a loaded Mitsuba scene.
-        spp: samples per pixel, >= 1. The scenes of ``simrig.scenes`` are lit by delta lights
-            and need samples for the smoothness of edges and highlights only; with
-            ``pixel_centres`` 1 is exact.
+        spp: samples per pixel, >= 1; by default what the scene's sampler says. The scenes of
+            ``simrig.scenes`` are lit by delta lights: each sample is exact, and more of them
+            only smooth edges and highlights within a pixel (16; 1 with ``pixel_centres``).
         seed: >= 0; the same seed gives the same picture.
         integrator: plugin name, dictionary or object; by default that of the scene.
         progress: called with (samples per pixel done, spp) after every pass.
@@ -91,11 +109,12 @@ def render(
     Raises:
         SimrigError: bad arguments, or a result that is not finite (names the pixels).
     """
+    scene = load(scene)
+    spp = scene.sensors()[0].sampler().sample_count() if spp is None else spp
     if spp != int(spp) or spp < 1:
         raise SimrigError(f"spp must be a whole number >= 1, got {spp}")
     if seed != int(seed) or seed < 0:
         raise SimrigError(f"the seed must be a whole number >= 0, got {seed}")
-    scene = load(scene)
     integrator, name = _integrator(integrator, scene)
     width, height = scene.sensors()[0].film().crop_size()
     passes = _passes(int(spp), int(width * height), samples_per_pass)
@@ -129,10 +148,7 @@ def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:
         integrator = {"type": integrator}
     if not isinstance(integrator, dict):
         return integrator, integrator.class_name()
-    try:
-        return mi.load_dict(integrator), str(integrator["type"])
-    except (RuntimeError, KeyError) as error:
-        raise SimrigError(f"cannot make the integrator {integrator}: {error}") from error
+    return _load_dict(integrator, "integrator"), str(integrator["type"])
 
 
 def _passes(spp: int, pixels: int, samples_per_pass: int) -> list[int]:
@@ -150,6 +166,27 @@ def _passes(spp: int, pixels: int, samples_per_pass: int) -> list[int]:
         return [spp]
     full = 1 << ((limit // pixels).bit_length() - 1)
     return [full] * (spp // full) + ([spp % full] if spp % full else [])
+
+
+def display_exposure(image: np.ndarray, percentile: float = 99.0, level: float = 0.8) -> float:
+    """Return the factor with which a linear picture shows well.
+
+    Dark materials stay dark under a lamp that suits a white diffuser; pictures that are to be
+    compared must share one factor, that of their reference.
+
+    Args:
+        image: (height, width, 3) linear RGB.
+        percentile: of the brightest channel over all pixels that are not black, 0 to 100.
+        level: the linear value to which that percentile goes.
+
+    Raises:
+        SimrigError: the picture is black.
+    """
+    brightest = np.asarray(image, dtype=np.float64).max(axis=-1)
+    lit = brightest[brightest > 0.0]
+    if lit.size == 0:
+        raise SimrigError("the picture is black: no exposure can show anything")
+    return float(level / np.percentile(lit, percentile))
 
 
 class _Clock:

@@ -7,9 +7,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from simrig.errors import SimrigError
+
 
 def define_all_lights() -> type:
     """Return the integrator class of the current variant (its base class is one of the variant)."""
+
     class AllLights(mi.SamplingIntegrator):
         """Direct illumination, summed over all emitters at every intersection.
 
@@ -29,6 +32,11 @@ def define_all_lights() -> type:
         """
 
         def __init__(self, props: Any):
+            if not dr.is_jit_v(mi.Float):
+                raise SimrigError(
+                    f"'simrig_all_lights' cannot run in the variant '{mi.variant()}': "
+                    "choose an llvm or cuda variant, or the integrator 'direct'"
+                )
             super().__init__(props)
             self.shadows = props.get("shadows", True)
 
@@ -38,13 +46,7 @@ def define_all_lights() -> type:
             si = scene.ray_intersect(ray, active)
             active = active & si.is_valid()
             bsdf = si.bsdf(ray)
-            if dr.is_jit_v(mi.Float):
-                return self._loop(scene, sampler, si, bsdf, mi.Bool(active)), active, []
-            total = mi.Spectrum(0.0)
-            if active:
-                for emitter in scene.emitters():
-                    total += self._one(scene, sampler.next_2d(), si, bsdf, emitter, active)
-            return total, active, []
+            return self._loop(scene, sampler, si, bsdf, mi.Bool(active)), active, []
 
         @dr.syntax
         def _loop(self, scene: Any, sampler: Any, si: Any, bsdf: Any, active: Any) -> Any:

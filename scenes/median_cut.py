@@ -33,8 +33,8 @@ def median_cut(radiance: np.ndarray, count: int = 256) -> DirectionalLights:
     height, width = radiance.shape[:2]
     if count != int(count) or not 1 <= count <= height * width:
         raise SimrigError(
-            f"the number of lights must be a whole number from 1 to {height * width} (the pixels of "
-            f"the environment), got {count}"
+            f"the number of lights must be a whole number from 1 to {height * width}, the pixels "
+            f"of the environment, got {count}"
         )
     rows = solid_angles(height, width)[:, None, None]
     labels = _region_labels(cut_regions(((radiance * rows) @ LUMINANCE), count), height, width)

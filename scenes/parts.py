@@ -13,7 +13,9 @@ import numpy as np
 from simrig.errors import SimrigError
 
 MARGIN = 64.0 / 59.104  # half of a picture cell over the radius of the sphere in it
-_CAMERA_DISTANCE = 2000.0  # mm; outside of every object, and behind every lamp
+# mm; outside of every object, but no further: the error of a float32 intersection grows with the
+# square of the distance, and from 2 m away the points of a cylinder came to lie below its surface
+_CAMERA_DISTANCE = 150.0
 
 
 def transform() -> Any:
@@ -95,7 +97,18 @@ def lamp_position(theta_deg: float, phi_deg: float, distance: float, nearest: fl
     )
 
 
-def ball(radius: float, centre: tuple[float, float], material: str) -> dict:
+def share(bsdf: Any, name: str) -> tuple[dict, Any]:
+    """Return a material as (entries of the scene, what a shape names as its BSDF).
+
+    A dictionary becomes one entry of the scene to which shapes refer, so that its data are there
+    once and are listed under ``name``; an object is its own reference.
+    """
+    if isinstance(bsdf, dict):
+        return {name: bsdf}, {"type": "ref", "id": name}
+    return {}, bsdf
+
+
+def ball(radius: float, centre: tuple[float, float], material: Any) -> dict:
     """Return a sphere in the plane z = 0 with its poles at the top and bottom of the outline.
 
     The tangent u of the material runs along the parallels, to the right in the picture; v runs
@@ -110,7 +123,7 @@ def ball(radius: float, centre: tuple[float, float], material: str) -> dict:
         "type": "sphere",
         "radius": radius,
         "to_world": to_world,
-        "bsdf": {"type": "ref", "id": material},
+        "bsdf": material,
     }
 
 
@@ -119,6 +132,20 @@ def direct() -> dict:
 
     Exact for the light that arrives directly: a delta light reaches a point from one direction
     only, so one light sample is the whole integral and samples of the BSDF can never meet it.
-    Pixels with random samples differ only by where in the pixel they look.
+    Pixels with random samples differ only by where in the pixel they look. (More than one light
+    sample would be wrong: Mitsuba 3.9.1 counts a delta light ``emitter_samples`` times.)
     """
     return {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
+
+
+def all_lights() -> dict:
+    """Return the integrator for one convex object under many delta lights.
+
+    Such an object cannot shadow itself beyond what the cosine already says. In scalar variants,
+    where Mitsuba cannot run an integrator written in Python, one light is picked per sample.
+    """
+    import mitsuba as mi
+
+    if "scalar" in mi.variant():
+        return direct()
+    return {"type": "simrig_all_lights", "shadows": False}

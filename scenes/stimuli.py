@@ -2,8 +2,9 @@
 
 World: x right, y up, z towards the camera, millimetres; see ``simrig.scenes.parts``. In every
 scene the material's u (phi = 0) runs to the right in the picture where the surface faces the
-camera, v up. The material is the entry ``material`` of the scene (``material_0`` … for several),
-so ``mi.traverse(scene)`` lists its data under that name.
+camera, v up. A material given as a dictionary is the entry ``material`` of the scene
+(``material_0`` … for several), under which ``mi.traverse(scene)`` lists its data; a Mitsuba object
+is listed under its own identifier.
 """
 
 from __future__ import annotations
@@ -17,7 +18,16 @@ from simrig.errors import SimrigError, unknown_name
 from simrig.scenes.latlong import builtin_environment
 from simrig.scenes.lights import DirectionalLights
 from simrig.scenes.median_cut import median_cut
-from simrig.scenes.parts import MARGIN, ball, camera, direct, lamp, lamp_position
+from simrig.scenes.parts import (
+    MARGIN,
+    all_lights,
+    ball,
+    camera,
+    direct,
+    lamp,
+    lamp_position,
+    share,
+)
 
 SPHERE_RADIUS = 50.0  # mm
 SPHERE_PIXELS = 10_975  # pixel centres on the sphere at 128 x 128; thesis Fig. 1.5
@@ -55,12 +65,13 @@ def sphere(
             ``pixel_directions``) instead of through random places in it.
     """
     position = lamp_position(light_theta_deg, light_phi_deg, light_distance, SPHERE_RADIUS)
+    entries, material = share(bsdf, "material")
     return {
         "type": "scene",
         "integrator": direct(),
         "sensor": _sphere_camera(resolution, pixel_centres),
-        "material": bsdf,
-        "sphere": ball(SPHERE_RADIUS, (0.0, 0.0), "material"),
+        **entries,
+        "sphere": ball(SPHERE_RADIUS, (0.0, 0.0), material),
         "light": lamp(position, light_distance - SPHERE_RADIUS),
     }
 
@@ -69,18 +80,21 @@ def four_spheres(
     bsdfs: Any,
     resolution: int = 512,
     columns: int = 4,
+    light_distance: float = 400.0,
     pixel_centres: bool = False,
 ) -> dict:
     """Return four spheres under one point light in front of the first (thesis Fig. 5.10).
 
-    From sphere to sphere the light comes from further to the left: nearly from the camera on the
-    first, at a large angle on the last, so that one picture holds many combinations of
-    directions. A white diffuser reaches radiance 1 on the first sphere.
+    On the first sphere the light comes from the camera, so its middle is seen in the direction of
+    illumination; from sphere to sphere it comes from further aside, up to 40 degrees, so that one
+    picture holds many combinations of directions. A white diffuser reaches radiance 1 on the
+    first sphere. The nearer the lamp, the more a sphere shadows its neighbour.
 
     Args:
         bsdfs: a Mitsuba BSDF or its dictionary for all spheres, or a sequence of four.
         resolution: width of the picture in pixels.
         columns: 4 (one row, picture 4:1), 2 (two rows, square picture) or 1.
+        light_distance: distance of the lamp from the centre of the first sphere, in mm.
         pixel_centres: see ``sphere``.
 
     Raises:
@@ -93,23 +107,23 @@ def four_spheres(
         raise SimrigError(f"four spheres stand in 1, 2 or 4 columns, got {columns}")
     rows = 4 // columns
     cell = 2.0 * SPHERE_RADIUS * MARGIN
-    centres = [
-        ((index % columns - (columns - 1) / 2.0) * cell, ((rows - 1) / 2.0 - index // columns) * cell)
-        for index in range(4)
-    ]
+    across, up = (columns - 1) / 2.0, (rows - 1) / 2.0
+    centres = [((i % columns - across) * cell, (up - i // columns) * cell) for i in range(4)]
     names = ["material"] if len(materials) == 1 else [f"material_{i}" for i in range(4)]
+    shared = [share(bsdf, name) for bsdf, name in zip(materials, names, strict=True)]
     height = max(1, round(resolution * rows / columns))
-    distance = 9.0 * SPHERE_RADIUS
-    position = np.array([*centres[0], distance])
+    first = np.array([*centres[0], 0.0])
+    position = first + lamp_position(0.0, 0.0, light_distance, SPHERE_RADIUS)
     scene = {
         "type": "scene",
         "integrator": direct(),
         "sensor": camera(resolution, height, columns * cell / 2.0, pixel_centres),
-        **dict(zip(names, materials, strict=True)),
-        "light": lamp(position, distance - SPHERE_RADIUS),
+        "light": lamp(position, light_distance - SPHERE_RADIUS),
     }
     for index, centre in enumerate(centres):
-        scene[f"sphere_{index}"] = ball(SPHERE_RADIUS, centre, names[index % len(names)])
+        entries, material = shared[index % len(shared)]
+        scene.update(entries)
+        scene[f"sphere_{index}"] = ball(SPHERE_RADIUS, centre, material)
     return scene
 
 
@@ -124,7 +138,7 @@ def cylinder(
     """Return an upright cylinder lit from one side (thesis section 6.3.4).
 
     The lamp is equally strong on all sides; from the left or right a white diffuser reaches
-    radiance 1, from the top or bottom 0.9 near the end.
+    radiance 1, from the top or bottom 0.86 at the end.
 
     Args:
         bsdf: a Mitsuba BSDF or its dictionary.
@@ -142,17 +156,18 @@ def cylinder(
     nearest = float(np.hypot(CYLINDER_RADIUS, CYLINDER_HEIGHT / 2.0))
     position = lamp_position(light_theta_deg, LIGHT_SIDES[light], light_distance, nearest)
     half = CYLINDER_HEIGHT / 2.0
+    entries, material = share(bsdf, "material")
     return {
         "type": "scene",
         "integrator": direct(),
         "sensor": camera(resolution, 2 * resolution, half * MARGIN / 2.0, pixel_centres),
-        "material": bsdf,
+        **entries,
         "cylinder": {
             "type": "cylinder",
             "p0": [0.0, -half, 0.0],
             "p1": [0.0, half, 0.0],
             "radius": CYLINDER_RADIUS,
-            "bsdf": {"type": "ref", "id": "material"},
+            "bsdf": material,
         },
         "light": lamp(position, light_distance - CYLINDER_RADIUS),
     }
@@ -167,7 +182,8 @@ def environment_sphere(
     """Return a sphere in an environment given as N directional lights (thesis Fig. 5.9).
 
     The scene holds N ``directional`` emitters, which any integrator can render; its own,
-    ``simrig_all_lights``, adds up all of them at every point and so has no noise.
+    ``simrig_all_lights``, adds up all of them at every point and so has no noise. It needs an
+    LLVM or CUDA variant; in a scalar one the scene falls back to ``direct``, which is noisy.
 
     Args:
         bsdf: a Mitsuba BSDF or its dictionary.
@@ -179,13 +195,13 @@ def environment_sphere(
     if not isinstance(lights, DirectionalLights):
         lights = median_cut(builtin_environment(), lights)
         lights = lights.scaled(lights.white_exposure())
+    entries, material = share(bsdf, "material")
     scene = {
         "type": "scene",
-        # one convex object cannot shadow itself beyond what the cosine already says
-        "integrator": {"type": "simrig_all_lights", "shadows": False},
+        "integrator": all_lights(),
         "sensor": _sphere_camera(resolution, pixel_centres),
-        "material": bsdf,
-        "sphere": ball(SPHERE_RADIUS, (0.0, 0.0), "material"),
+        **entries,
+        "sphere": ball(SPHERE_RADIUS, (0.0, 0.0), material),
     }
     for index, (direction, colour) in enumerate(
         zip((-lights.directions).tolist(), lights.irradiance.tolist(), strict=True)
