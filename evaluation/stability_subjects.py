@@ -171,10 +171,16 @@ def _analytic() -> Iterable[Reflectance]:
 
 
 def _tabulated() -> Iterable[Reflectance]:
-    """Tabulate one material in every kind of table, coarsely: the nodes are hard, not the data."""
+    """Yield one material in every kind of table, coarsely: the nodes are hard, not the data."""
+    from simrig.reconstruction.slices import reconstruct
     from simrig.reflectance.resample import resample_dense, resample_isotropic
+    from simrig.rigs.gonioreflectometer import Gonioreflectometer
+    from simrig.sampling.placement import SlicePlacement
 
     material = kurt_material("fabric112")
+    placement = SlicePlacement.from_degrees(20.0, 60.0)
+    measurement = Gonioreflectometer().measure(material, placement, 2000)
+    yield _renamed(reconstruct(measurement), "slices")
     yield _renamed(resample_dense(material, np.radians(10.0), 36), "dense_table")
     yield _renamed(resample_isotropic(material, (30, 30, 60), rotations=4), "isotropic_table")
 
