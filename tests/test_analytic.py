@@ -166,7 +166,7 @@ def test_kurt_agrees_with_the_formula(name, precision, rng):
 @precisions
 @variants
 def test_ward_agrees_with_the_formula(variant, precision, rng):
-    k_d, k_s, m_x, m_y = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.3, 0.2]), 0.15, 0.4
+    k_d, k_s, m_x, m_y = (0.1, 0.2, 0.3), (0.4, 0.3, 0.2), 0.15, 0.4
     wi, wv = _directions(rng, 200), _directions(rng, 200)
     expected = []
     for i, v in zip(wi, wv, strict=True):
@@ -178,7 +178,7 @@ def test_ward_agrees_with_the_formula(variant, precision, rng):
             # (z_i + z_v)⁴ / |h|², with |h| = 2 v·h
             "bounded": (i[2] + v[2]) ** 4 / (4.0 * v_dot_h**2),
         }[variant]
-        expected.append(k_d / math.pi + k_s * lobe / denominator)
+        expected.append(np.divide(k_d, math.pi) + np.multiply(k_s, lobe / denominator))
     ward = Ward(k_d, k_s, m_x, m_y, variant)
     assert np.allclose(_evaluate(ward, wi, wv, precision), expected, rtol=PRECISIONS[precision])
 

@@ -107,7 +107,7 @@ def test_schemes_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         directions.theta[0] = 1.0
     with pytest.raises(AttributeError):
-        directions.name = "other"
+        directions.name = "other"  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("index", [0, 31, -1])
