@@ -9,6 +9,7 @@ import typer
 from simrig import __version__
 from simrig.cli import (
     compare,
+    convert,
     doctor,
     experiment,
     frame,
@@ -39,5 +40,15 @@ def start(
         print(context.get_help())
 
 
-for module in (doctor, experiment, materials, measure, render, compare, studies, stability):
+for module in (
+    doctor,
+    experiment,
+    materials,
+    measure,
+    render,
+    compare,
+    convert,
+    studies,
+    stability,
+):
     module.register(app)

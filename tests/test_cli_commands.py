@@ -1,0 +1,218 @@
+"""The commands: one small run of each, and one line for every kind of bad input."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from simrig.cli.app import app
+from simrig.data.images import read_image
+from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
+from simrig.rigs.measurement import Measurement
+from simrig.scenes import SCENES
+
+SMALL_PLAN = ("--samples", "300", "--elevation-step", "40", "--azimuth-step", "120")
+MEASURE = ("measure", "wood01", "--output", "m.h5")
+
+
+@pytest.fixture(autouse=True)
+def in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def simrig(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+def done(*arguments: str) -> dict:
+    """Run with --json and return the object; fails where the command does."""
+    result = simrig(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    return json.loads(result.stdout)
+
+
+def refusal(*arguments: str) -> str:
+    """Run and return the one line that refuses the input."""
+    result = simrig(*arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    return result.stderr
+
+
+def test_materials_lists_materials_and_scenes() -> None:
+    listed = done("materials")
+    names = [material["name"] for material in listed["materials"]]
+    assert names == [*KURT_MATERIALS, *RESCALED_MATERIALS]
+    assert [scene["name"] for scene in listed["scenes"]] == list(SCENES)
+    for material in listed["materials"]:
+        assert all(0.0 <= value < 1.0 for value in material["albedo"]["0"])
+
+
+def test_materials_describes_one_of_them() -> None:
+    about = done("materials", "fabric135")
+    assert about["parameters"]["lobe_2_alpha"] == 0.5723
+    assert about["theta_max_deg"] == 90.0
+    assert "rescaled" not in about["origin"]
+    assert "inferred" in done("materials", "fabric135_rescaled")["origin"]
+    assert done("materials", "cylinder")["options"]["light"] == "top"
+
+
+def test_from_material_to_comparison() -> None:
+    measured = done("measure", "yellow_satin", "--output", "m.h5", *SMALL_PLAN)
+    assert measured["cost"]["samples"] == 300
+    assert Measurement.load("m.h5").values.shape == (300, 3)
+    rebuilt = done("reconstruct", "m.h5", "--output", "r.h5")
+    assert rebuilt["samples"] == 300
+
+    picture = ("--resolution", "16", "--spp", "4", "--scene", "sphere")
+    rendered = done("render", "--material", "r.h5", "--output", "r.exr", *picture)
+    assert (rendered["width"], rendered["height"]) == (16, 16)
+    assert rendered["files"] == ["r.exr", "r.png"]
+    done("render", "--material", "yellow_satin", "--output", "t.exr", "--no-png", *picture)
+    assert not Path("t.png").exists()
+    assert np.array_equal(read_image("t.exr").shape, (16, 16, 3))
+
+    same = done("compare", "t.exr", "t.exr")
+    assert (same["delta_e"], same["mse"], same["psnr"]) == (0.0, 0.0, None)
+    other = done("compare", "t.exr", "r.exr", "--difference", "d.png")
+    assert other["delta_e"] > 0.0
+    assert read_image("d.png").shape == (16, 16, 3)
+    reflectances = done("compare", "yellow_satin", "r.h5", "--step", "15", "--theta-max", "75")
+    assert 0.0 < reflectances["mre"] < 200.0
+    assert sorted(p.name for p in Path().iterdir()) == sorted(
+        ["m.h5", "r.h5", "r.exr", "r.png", "t.exr", "d.png"]
+    )
+
+
+def test_axial_and_diagonal_slices_alone() -> None:
+    measured = done(
+        "measure", "wood01", "--output", "m.h5", "--slices", "axial-diagonal", *SMALL_PLAN
+    )
+    assert measured["slices"] == "axial-diagonal"
+    assert Measurement.load("m.h5").slice_types == "axial_diagonal"
+
+
+def test_the_side_of_the_light_and_an_environment(shared_data) -> None:
+    common = ("--material", "wood01", "--resolution", "16", "--spp", "2", "--no-png")
+    done("render", "--output", "top.exr", "--scene", "cylinder", *common)
+    done("render", "--output", "left.exr", "--scene", "cylinder", "--light", "left", *common)
+    assert not np.array_equal(read_image("top.exr"), read_image("left.exr"))
+    grace = next(shared_data("envmaps").glob("*grace*"))
+    scene = ("--scene", "environment_sphere", "--environment", str(grace), "--lights", "16")
+    done("render", "--output", "grace.exr", *scene, *common)
+    assert read_image("grace.exr").max() > 0.0
+
+
+def test_convert_writes_what_can_be_read_again() -> None:
+    done("convert", "wood01", "wood.bsdf")
+    assert done("materials", "wood.bsdf")["parameters"]
+    done("compare", "wood01", "wood.bsdf", "--step", "15", "--theta-max", "75")
+
+
+def test_stability_sums_up_its_rows() -> None:
+    result = simrig("stability", "--json")
+    found = json.loads(result.stdout)
+    assert found["summary"]["rows"] == len(found["rows"]) > 100
+    assert result.exit_code == (2 if found["summary"]["unexplained"] else 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["materials", "yelow_satin"], "did you mean 'yellow_satin'"),
+        (["measure", "yelow_satin", "--output", "m.h5"], "did you mean 'yellow_satin'"),
+        (["measure", "wood01", "--output", "nowhere/m.h5"], "the folder 'nowhere' does not exist"),
+        ([*MEASURE, "--samples", "0"], "too few"),
+        ([*MEASURE, "--samples", "20"], "20 samples are too few"),
+        ([*MEASURE, "--theta-max", "95"], "between 0 and 90"),
+        ([*MEASURE, "--azimuth-step", "36"], "together"),
+        ([*MEASURE, "--slices", "round"], "Invalid value"),
+        (
+            [*MEASURE, "--samples", "100", "--elevation-step", "14", "--azimuth-step", "36"],
+            "intersections",
+        ),
+        (
+            [*MEASURE, "--samples", "10000000", "--elevation-step", "80", "--azimuth-step", "180"],
+            "samples",
+        ),
+        (["reconstruct", "nothing.h5", "--output", "r.h5"], "there is no file 'nothing.h5'"),
+        (["render", "--material", "wood01", "--output", "x.jpg"], ".exr or .png"),
+        (["render", "--material", "wood01", "--output", "x.exr", "--scene", "spher"], "'sphere'"),
+        (["render", "--material", "wood01", "--output", "x.exr", "--light", "left"], "light"),
+        (["render", "--material", "wood01", "--output", "x.exr", "--exposure", "0"], "above 0"),
+        (["render", "--material", "wood01", "--output", "x.exr", "--spp", "0"], "--spp"),
+        (["render", "--material", "wood01", "--output", "x.exr", "--variant", "llvm"], "variant"),
+        (["compare", "a.exr", "b.exr"], "there is no file 'a.exr'"),
+        (["compare", "a.exr", "wood01"], "one of each"),
+        (["compare", "wood01", "wood01", "--difference", "d.png"], "pictures"),
+        (["convert", "wood01", "wood.xyz"], "wood.xyz"),
+        (["convert", "wood01", "wood.bsdf", "--format", "rgll"], "rgl"),
+        (["run", "nothing.toml"], "there is no file"),
+        (["demo", "--material", "yelow_satin"], "did you mean 'yellow_satin'"),
+        (["study", "run", "table-5-4"], "table-5-3"),
+        (["study"], "Missing command"),
+        (["bench", "plugin"], "did you mean 'plugins'"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(arguments: list[str], message: str) -> None:
+    assert message in refusal(*arguments)
+    assert list(Path().iterdir()) == [], "nothing may be left behind"
+
+
+def test_a_file_that_is_no_measurement_is_refused() -> None:
+    Path("text.h5").write_text("not HDF5")
+    assert "text.h5" in refusal("reconstruct", "text.h5", "--output", "r.h5")
+    assert "text.h5" in refusal("materials", "text.h5")
+
+
+def test_a_picture_that_exists_is_kept() -> None:
+    Path("x.png").write_text("precious")
+    common = ("render", "--material", "wood01", "--output", "x.exr", "--resolution", "16")
+    assert "'x.png' exists" in refusal(*common)
+    assert Path("x.png").read_text() == "precious"
+    done(*common, "--force", "--spp", "1")
+    assert read_image("x.png").shape == (16, 16, 3)
+
+
+def test_an_output_folder_in_use_is_refused() -> None:
+    Path("out").mkdir()
+    Path("out", "thesis.txt").write_text("precious")
+    assert "in use: it holds 'thesis.txt'" in refusal("demo", "--output", "out")
+    assert [p.name for p in Path("out").iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.slow
+def test_an_interrupted_measurement_goes_on_with_the_same_result(tmp_path: Path) -> None:
+    plan = ["measure", "fabric135", "--samples", "30000", "--output"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "simrig.cli", *plan, "cut.h5"], stderr=subprocess.PIPE, text=True
+    ) as process:
+        checkpoint = Path(".cut.h5.checkpoint")
+        while not checkpoint.exists() and process.poll() is None:
+            time.sleep(0.005)
+        process.send_signal(signal.SIGINT)
+        _, message = process.communicate(timeout=60)
+    assert process.returncode == 130, message
+    assert message == (
+        "interrupted: run the same command again to go on from '.cut.h5.checkpoint'\n"
+    )
+    assert checkpoint.exists()
+    assert not Path("cut.h5").exists()
+    done(*plan, "cut.h5")
+    assert not checkpoint.exists()
+    done(*plan, "whole.h5")
+    cut, whole = Measurement.load("cut.h5"), Measurement.load("whole.h5")
+    np.testing.assert_array_equal(cut.values, whole.values)
+    np.testing.assert_array_equal(cut.samples.angles, whole.samples.angles)
