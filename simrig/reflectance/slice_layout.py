@@ -108,7 +108,8 @@ class SliceLayout:
         index = xp.minimum(to_index(theta * ((1.0 + 1e-7) / self.elevation_step)), last)
         start = self.number(index, theta) * self.elevation_step
         rest = self.theta_max - last * self.elevation_step
-        width = xp.select(index == last, rest, self.elevation_step)
+        # two literals would make Dr.Jit select in single precision
+        width = xp.select(index == last, 0.0 * theta + rest, self.elevation_step)
         return index, xp.clip((theta - start) / width, 0.0, 1.0)
 
     @staticmethod

@@ -165,7 +165,7 @@ class SliceReflectance(Reflectance):
         k, x = _cell(m / half_step, 2 * a_n)
         second = k >= a_n  # the second half turn of the mean azimuth reuses the diagonal rows
         b = xp.select(second, k - a_n, k)
-        d = 0.5 * u + xp.select(second, np.pi, 0.0)
+        d = xp.select(second, 0.5 * u + np.pi, 0.5 * u)
         i, w = lay.elevation_cell(theta_i)
         v, z = lay.elevation_cell(theta_v)
 
