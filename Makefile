@@ -5,7 +5,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 # pytest workers; each limits its own Dr.Jit threads
 WORKERS ?= 2
 
-BIN := $(VENV)/bin
+BIN := $(abspath $(VENV))/bin
 READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
 SOURCES := simrig plugins scenes evaluation tests
@@ -50,7 +50,7 @@ lint: $(READY) types
 types: $(READY)
 	@mkdir -p .types/simrig && find .types -type l -delete
 	@ln -s $(addprefix ../../,$(wildcard simrig/*) plugins scenes evaluation) .types/simrig
-	cd .types && ../$(BIN)/mypy --config-file ../pyproject.toml -p simrig
+	cd .types && $(BIN)/mypy --config-file ../pyproject.toml -p simrig
 
 format: $(READY)
 	$(BIN)/ruff check --fix $(SOURCES)

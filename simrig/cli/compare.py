@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -73,7 +73,7 @@ def _pictures(
         first, second = read_image(reference), read_image(other)
         mask = foreground_mask(first, second) if foreground else None
         result = compare_images(first, second, mask, exposure, scale)
-        shown = [result.table(f"{other} beside {reference}")]
+        shown: list[Any] = [result.table(f"{other} beside {reference}")]
         if difference is not None:
             note = f"255 - {scale:g} |I1 - I2|"
             write_png(difference, result.maps.difference, metadata={"Difference": note})
