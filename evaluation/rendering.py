@@ -125,7 +125,12 @@ def render(
     done = 0
     with _timer() as clock:
         for pass_spp, pass_seed in zip(passes, seeds, strict=True):
-            picture = mi.render(scene, integrator=integrator, spp=pass_spp, seed=int(pass_seed))
+            picture = mi.render(
+                scene,
+                integrator=integrator,
+                spp=pass_spp,
+                seed=int(pass_seed),  # type: ignore[arg-type]  # the stub knows no plain int
+            )
             total += pass_spp * np.array(picture, dtype=np.float64)[..., :3]
             done += pass_spp
             if progress:
@@ -133,7 +138,7 @@ def render(
     image = (total / spp).astype(np.float32)
     _check_finite(image)
     return RenderResult(
-        image, clock.compile_seconds, clock.run_seconds, int(spp), name, mi.variant()
+        image, clock.compile_seconds, clock.run_seconds, int(spp), name, str(mi.variant())
     )
 
 
@@ -198,7 +203,7 @@ class _Clock:
 def _timer():
     """Time a block: kernel compilation (from Dr.Jit's kernel history) and the rest."""
     clock = _Clock()
-    jit = "scalar" not in mi.variant()
+    jit = "scalar" not in str(mi.variant())
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         if jit:
             dr.kernel_history_clear()

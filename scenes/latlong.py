@@ -36,7 +36,7 @@ def check_environment(radiance: np.ndarray) -> np.ndarray:
     return radiance
 
 
-def pixel_directions(height: int, width: int) -> np.ndarray:
+def latlong_directions(height: int, width: int) -> np.ndarray:
     """Return the (height, width, 3) unit vectors towards which the pixel centres look."""
     theta = np.pi * (np.arange(height) + 0.5)[:, None] / height
     phi = 2.0 * np.pi * (np.arange(width) + 0.5)[None, :] / width
@@ -95,7 +95,7 @@ def builtin_environment(width: int = 512) -> np.ndarray:
     if width < 16 or width % 2:
         raise SimrigError(f"the width of an environment must be even and >= 16, got {width}")
     fold = -(-_FINEST // width)  # finer than this, features are resolved
-    fine = _terrace(pixel_directions(fold * width // 2, fold * width))
+    fine = _terrace(latlong_directions(fold * width // 2, fold * width))
     return fine.reshape(width // 2, fold, width, fold, 3).mean(axis=(1, 3))
 
 

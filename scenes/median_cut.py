@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from simrig.errors import SimrigError
-from simrig.scenes.latlong import LUMINANCE, check_environment, pixel_directions, solid_angles
+from simrig.scenes.latlong import LUMINANCE, check_environment, latlong_directions, solid_angles
 from simrig.scenes.lights import DirectionalLights
 
 
@@ -134,7 +134,7 @@ def _lights(energy: np.ndarray, labels: np.ndarray, count: int) -> DirectionalLi
         parts = [np.bincount(flat, values[..., c].ravel(), count) for c in range(3)]
         return np.stack(parts, axis=-1)
 
-    directions = pixel_directions(height, width)
+    directions = latlong_directions(height, width)
     centroid = total(directions * (energy @ LUMINANCE)[..., None])
     # where a region is black, or its energy cancels around a pole, its plain centre serves
     plain = total(directions * solid_angles(height, width)[:, None, None])

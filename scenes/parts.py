@@ -146,6 +146,6 @@ def all_lights() -> dict:
     """
     import mitsuba as mi
 
-    if "scalar" in mi.variant():
+    if "scalar" in str(mi.variant()):
         return direct()
     return {"type": "simrig_all_lights", "shadows": False}

@@ -16,7 +16,7 @@ from simrig.errors import SimrigError
 from simrig.evaluation.environment import environment_lights, read_environment
 from simrig.evaluation.rendering import render
 from simrig.scenes import DirectionalLights, builtin_environment, environment_sphere, median_cut
-from simrig.scenes.latlong import LUMINANCE, pixel_directions, solid_angles
+from simrig.scenes.latlong import LUMINANCE, latlong_directions, solid_angles
 from simrig.scenes.median_cut import cut_regions
 
 MAPS = ["grace_probe_latlong", "venice_sunset_1k", "studio_small_03_1k", "st_fagans_interior_1k"]
@@ -34,7 +34,7 @@ def map_power(radiance: np.ndarray) -> np.ndarray:
 def map_irradiance(radiance: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Return the irradiance of an environment by summing over all its pixels, (n, 3)."""
     height, width = radiance.shape[:2]
-    directions = pixel_directions(height, width).reshape(-1, 3)
+    directions = latlong_directions(height, width).reshape(-1, 3)
     power = (radiance * solid_angles(height, width)[:, None, None]).reshape(-1, 3)
     return np.stack([np.maximum(directions @ n, 0.0) @ power for n in normals])
 
@@ -43,7 +43,7 @@ def assert_energy_and_irradiance(radiance: np.ndarray, count: int) -> None:
     lights = median_cut(radiance, count)
     assert len(lights) == count
     np.testing.assert_allclose(lights.irradiance.sum(axis=0), map_power(radiance), rtol=1e-6)
-    normals = pixel_directions(8, 16).reshape(-1, 3)
+    normals = latlong_directions(8, 16).reshape(-1, 3)
     exact = map_irradiance(np.asarray(radiance, dtype=np.float64), normals)
     error = np.abs(lights.irradiance_on(normals) - exact).max() / exact.max()
     assert error < IRRADIANCE_TOLERANCE
@@ -109,7 +109,7 @@ def test_a_single_pixel_of_light_does_not_use_up_the_lights() -> None:
     lights = median_cut(radiance, 64)
     brightest = int(np.argmax(lights.irradiance.sum(axis=1)))
     np.testing.assert_allclose(
-        lights.directions[brightest], pixel_directions(32, 64)[10, 20], atol=1e-9
+        lights.directions[brightest], latlong_directions(32, 64)[10, 20], atol=1e-9
     )
     assert len(np.unique(lights.directions.round(9), axis=0)) == 64
 
@@ -124,7 +124,7 @@ def test_median_cut_is_deterministic() -> None:
 def test_axes_are_those_of_mitsuba() -> None:
     """A map with one bright pixel is bright in Mitsuba where that pixel is said to look."""
     height, width = 16, 32
-    directions = pixel_directions(height, width)
+    directions = latlong_directions(height, width)
     for row, column in [(0, 3), (7, 0), (7, 31), (8, 16), (4, 20), (12, 9), (15, 30)]:
         radiance = np.zeros((height, width, 3), dtype=np.float32)
         radiance[row, column] = 1.0
@@ -158,7 +158,7 @@ def test_lights_and_envmap_emitter_light_a_sphere_alike() -> None:
 
 
 def test_builtin_environment_is_the_same_scene_at_every_resolution() -> None:
-    normals = pixel_directions(4, 8).reshape(-1, 3)
+    normals = latlong_directions(4, 8).reshape(-1, 3)
     coarse, fine = (map_irradiance(builtin_environment(w), normals) for w in (256, 1024))
     np.testing.assert_allclose(coarse, fine, atol=0.01 * fine.max())
 
@@ -168,7 +168,7 @@ def test_builtin_environment_is_plausible() -> None:
     radiance = builtin_environment()
     luminance = radiance @ LUMINANCE
     row, column = np.unravel_index(luminance.argmax(), luminance.shape)
-    sun = pixel_directions(*luminance.shape)[row, column]
+    sun = latlong_directions(*luminance.shape)[row, column]
     assert sun[1] > 0.5 and luminance.max() > 1e3 * np.median(luminance)
     blue = radiance[40, 300]
     assert blue[2] > blue[1] > blue[0]
@@ -180,7 +180,7 @@ def test_builtin_environment_is_plausible() -> None:
 
 def test_exposed_lights_bring_the_white_diffuser_to_one() -> None:
     lights = environment_lights("builtin", 64)
-    normals = pixel_directions(45, 90).reshape(-1, 3)
+    normals = latlong_directions(45, 90).reshape(-1, 3)
     assert lights.irradiance_on(normals).max() / np.pi == pytest.approx(1.0, abs=0.005)
     plain = environment_lights("builtin", 64, exposed=False)
     np.testing.assert_allclose(plain.irradiance.sum(axis=0), map_power(builtin_environment()))

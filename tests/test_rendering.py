@@ -239,11 +239,23 @@ def test_compilation_is_told_from_running(monkeypatch: pytest.MonkeyPatch) -> No
     assert not dr.flag(dr.JitFlag.KernelHistory), "the flag must be left as it was"
 
 
-def test_compiled_kernels_are_not_compiled_again() -> None:
+def test_passes_and_samples_per_pixel_share_their_kernels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only the first picture compiles; powers of two from 4 on need nothing new."""
+    kernels: list[dict] = []
+    read = dr.kernel_history
+
+    def record() -> list[dict]:
+        kernels[:] = [kernel for kernel in read() if "cache_hit" in kernel]
+        return kernels
+
+    monkeypatch.setattr(dr, "kernel_history", record)
     scene = mi.load_dict(sphere(GREY, resolution=8))
     render(scene, 4)
-    again = render(scene, 4)
-    assert again.compile_seconds < again.run_seconds
+    for spp, samples_per_pass in ((4, 2**20), (16, 2**20), (32, 8 * 64)):
+        render(scene, spp, seed=spp, samples_per_pass=samples_per_pass)
+        assert kernels and all(kernel["cache_hit"] for kernel in kernels)
 
 
 def test_pixels_that_are_not_finite_are_named() -> None:
