@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -36,12 +37,25 @@ class Lambert(Reflectance):
         albedo: linear RGB in [0, 1].
     """
 
+    kind = "lambert"
+
     def __init__(self, albedo: Sequence[float] = (0.5, 0.5, 0.5), name: str = "lambert"):
         self.albedo = _colour("albedo", albedo, 1.0)
         self.name = name
 
     def data(self) -> Mapping[str, np.ndarray]:
         return {"albedo": self.albedo}
+
+    def structure(self) -> dict[str, Any]:
+        """Return the plain values that rebuild the model together with ``data()``: none."""
+        return {}
+
+    @classmethod
+    def from_parts(
+        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
+    ) -> Lambert:
+        """Rebuild the model from ``structure()`` and ``data()``."""
+        return cls(tuple(data["albedo"]), name=name)
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
@@ -100,6 +114,7 @@ class Ward(Reflectance):
         variant: see above.
     """
 
+    kind = "ward"
     VARIANTS = ("bounded", "ward", "duer")
 
     def __init__(
@@ -125,6 +140,19 @@ class Ward(Reflectance):
             "m_x": np.asarray(self.m_x),
             "m_y": np.asarray(self.m_y),
         }
+
+    def structure(self) -> dict[str, Any]:
+        """Return the plain values that rebuild the model together with ``data()``."""
+        return {"variant": self.variant}
+
+    @classmethod
+    def from_parts(
+        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
+    ) -> Ward:
+        """Rebuild the model from ``structure()`` and ``data()``."""
+        colours = (tuple(data[key]) for key in ("k_d", "k_s"))
+        roughness = (float(data[key]) for key in ("m_x", "m_y"))
+        return cls(*colours, *roughness, str(structure["variant"]), name)
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
@@ -185,6 +213,8 @@ class Kurt(Reflectance):
         lobes: one or more ``KurtLobe``.
     """
 
+    kind = "kurt"
+
     k_d: tuple[float, float, float]
     lobes: tuple[KurtLobe, ...]
     name: str = "kurt"
@@ -201,6 +231,24 @@ class Kurt(Reflectance):
             for key in ("k_s", "f_0", "m_x", "m_y", "alpha"):
                 data[f"lobe_{index}_{key}"] = np.asarray(getattr(lobe, key), dtype=np.float64)
         return data
+
+    def structure(self) -> dict[str, Any]:
+        """Return the plain values that rebuild the model together with ``data()``."""
+        return {"lobes": len(self.lobes)}
+
+    @classmethod
+    def from_parts(
+        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
+    ) -> Kurt:
+        """Rebuild the model from ``structure()`` and ``data()``."""
+        lobes = tuple(
+            KurtLobe(
+                tuple(data[f"lobe_{index}_k_s"].tolist()),
+                *(float(data[f"lobe_{index}_{key}"]) for key in ("f_0", "m_x", "m_y", "alpha")),
+            )
+            for index in range(1, int(structure["lobes"]) + 1)
+        )
+        return cls(tuple(data["k_d"].tolist()), lobes, name)
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
