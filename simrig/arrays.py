@@ -137,6 +137,19 @@ def where_colour(mask: Array, colour: Array) -> Array:
     return dr.select(mask, colour, type(colour)(0.0))
 
 
+def aligned(value: np.ndarray) -> np.ndarray:
+    """Return a copy whose memory starts at a multiple of 64 bytes.
+
+    Dr.Jit's LLVM backend reads NumPy memory in place and writes into the kernel whether it is
+    aligned, so the same operation on another allocation could be compiled again.
+    """
+    buffer = np.empty(value.nbytes + 64, dtype=np.uint8)
+    start = -buffer.ctypes.data % 64
+    copy = buffer[start : start + value.nbytes].view(value.dtype).reshape(value.shape)
+    copy[...] = value
+    return copy
+
+
 def to_device(value: np.ndarray, float_type: type, colour_type: type | None = None) -> Array:
     """Copy a master array to the arrays that ``float_type`` computes with.
 

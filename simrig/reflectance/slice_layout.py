@@ -14,7 +14,16 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.arrays import Array, gather_colour, is_numpy, namespace, scale, to_index, vector_type
+from simrig.arrays import (
+    Array,
+    aligned,
+    gather_colour,
+    is_numpy,
+    namespace,
+    scale,
+    to_index,
+    vector_type,
+)
 from simrig.errors import SimrigError
 
 
@@ -197,17 +206,19 @@ class _Reader:
         if not self.numpy:
             self.number = type(example)
             self.index = dr.uint32_array_t(self.number)
+            double = dr.type_v(self.number) == dr.VarType.Float64
+            self.real = np.float64 if double else np.float32
             self.like = vector_type(self.number)(0.0)
 
     def colours(self, key: str, data: Mapping[str, Array], index: np.ndarray) -> Array:
         flat = index.reshape(-1)
         if self.numpy:
             return data[key].reshape(-1, 3)[flat]
-        return gather_colour(data[key], self.index(flat.astype(np.uint32)), self.like)
+        return gather_colour(data[key], self.index(aligned(flat.astype(np.uint32))), self.like)
 
     def repeat(self, weight: np.ndarray, cells: int) -> Array:
         full = np.repeat(weight, cells)
-        return full if self.numpy else self.number(full)
+        return full if self.numpy else self.number(aligned(full.astype(self.real)))
 
     def scaled(
         self, key: str, data: Mapping[str, Array], index: np.ndarray, weight, cells
@@ -218,7 +229,8 @@ class _Reader:
         if self.numpy:
             return np.minimum.reduce([value[index] for index in around])
         flat = self.flat(value)
-        found = [gather_colour(flat, self.index(i.astype(np.uint32)), self.like) for i in around]
+        indices = [self.index(aligned(i.astype(np.uint32))) for i in around]
+        found = [gather_colour(flat, i, self.like) for i in indices]
         return dr.minimum(dr.minimum(found[0], found[1]), dr.minimum(found[2], found[3]))
 
     def flat(self, value: Array) -> Array:
