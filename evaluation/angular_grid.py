@@ -121,7 +121,8 @@ def grid_sums(
             f"the reflectances cannot be compared: values at theta_i {i:g}°, theta_v {v:g}° are "
             "NaN or infinite"
         )
-    return GridSums(grid, *totals, directions=len(first) * m * m)
+    relative, squared, squared_log, counted = totals
+    return GridSums(grid, relative, squared, squared_log, counted, len(first) * m * m)
 
 
 def dense_values(values: np.ndarray, grid: AngularGrid) -> np.ndarray:
@@ -177,12 +178,14 @@ def _block_sums(f: Any, g: Any, squares: bool, log_floor: float, block: int) -> 
     for channel in range(CHANNELS):
         a, b = f[channel], g[channel]
         difference = dr.abs(a - b)
-        dark = a <= 0.0  # false for NaN, which thus reaches the sum and is reported
+        dark = a <= 0.0  # false for NaN, so that it is reported
         terms = {0: dr.select(dark, 0.0, difference / a), 3: dr.select(dark, 0.0, 1.0)}
         if squares:
             ratio = dr.log2(dr.maximum(a, log_floor)) - dr.log2(dr.maximum(b, log_floor))
             terms |= {1: difference * difference, 2: dr.square(ratio * float(np.log10(2.0)))}
         for kind, term in terms.items():
             index = (kind * pairs + pair) * CHANNELS + channel
+            # the reduction drops NaN silently, but not infinity
+            term = dr.select(dr.isfinite(term), term, np.inf)
             dr.scatter_add(sums, double(term), index, mode=dr.ReduceMode.Local)
     return np.array(sums).reshape(4, pairs, CHANNELS)
