@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,10 +15,14 @@ from scipy import stats
 
 from simrig.arrays import Array, components, vector, where_colour
 from simrig.directions import to_vector
+from simrig.reconstruction.slices import reconstruct
 from simrig.reflectance.analytic import Kurt, KurtLobe, Lambert, Ward
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.kurt_materials import kurt_material
 from simrig.reflectance.protocol import Reflectance, above_horizon
+from simrig.reflectance.slices import SliceReflectance
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.sampling.placement import SlicePlacement
 
 TABLE_SHAPE = (4, 4, 8, 8)  # theta_i, theta_v, phi_i, phi_v; 30° and 45° steps
 
@@ -45,6 +50,14 @@ def small_table(seed: int = 7) -> DenseTable:
     return DenseTable(values, np.radians(30.0), name="small table")
 
 
+@cache
+def slices(seed: int = 1) -> SliceReflectance:
+    """Return a coarse reconstruction of a built-in material, for example number 1."""
+    material = kurt_material(("yellow_satin", "fabric112", "wood01")[seed])
+    placement = SlicePlacement.from_degrees(40.0, 90.0)
+    return reconstruct(Gonioreflectometer().measure(material, placement, 300))
+
+
 def narrow(m_x: float, m_y: float) -> Kurt:
     """Return a Kurt material of one narrow lobe."""
     lobe = KurtLobe(k_s=(0.05, 0.04, 0.03), f_0=0.9, m_x=m_x, m_y=m_y, alpha=0.1)
@@ -55,6 +68,7 @@ REFLECTANCES: dict[str, Callable[[], Reflectance]] = {
     "lambert": Lambert,
     "one_way": OneWay,
     "table": small_table,
+    "slices": slices,
     "ward": lambda: Ward(m_x=0.1, m_y=0.4),
     "brushed_aluminium": lambda: kurt_material("brushed_aluminium"),
     "fabric112": lambda: kurt_material("fabric112"),
@@ -138,6 +152,7 @@ def tools() -> SimpleNamespace:
         direction=direction,
         interaction=interaction,
         narrow=narrow,
+        slices=slices,
         small_table=small_table,
         z_test=z_test,
     )

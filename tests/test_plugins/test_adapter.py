@@ -16,7 +16,16 @@ from simrig.plugins import make_bsdf
 from simrig.plugins.named import PLUGINS
 from simrig.reflectance.protocol import evaluate
 
-NAMES = ["lambert", "one_way", "table", "ward", "brushed_aluminium", "fabric112", "narrow"]
+NAMES = [
+    "lambert",
+    "one_way",
+    "table",
+    "slices",
+    "ward",
+    "brushed_aluminium",
+    "fabric112",
+    "narrow",
+]
 
 
 def random_pairs(rng: np.random.Generator, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
@@ -63,7 +72,7 @@ def test_a_reciprocal_reflectance_is_reciprocal_through_the_plugin(
 
 
 @pytest.mark.parametrize("mode", [mi.TransportMode.Radiance, mi.TransportMode.Importance])
-@pytest.mark.parametrize("name", ["one_way", "table", "brushed_aluminium"])
+@pytest.mark.parametrize("name", ["one_way", "table", "slices", "brushed_aluminium"])
 def test_the_methods_agree(name, mode, reflectance, tools, variant_llvm, rng):
     bsdf = make_bsdf(reflectance(name), rotation_deg=70.0)
     context = mi.BSDFContext(mode)
@@ -141,7 +150,9 @@ def test_flags_and_context(reflectance, tools, variant_llvm, rng):
 
 
 @pytest.mark.parametrize("case", case_names())
-@pytest.mark.parametrize("name", ["table", "ward", "brushed_aluminium", "fabric112", "narrow"])
+@pytest.mark.parametrize(
+    "name", ["table", "slices", "ward", "brushed_aluminium", "fabric112", "narrow"]
+)
 def test_the_hard_cases_stay_finite(name, case, reflectance, tools, variant_llvm, rng):
     bsdf = make_bsdf(reflectance(name), rotation_deg=15.0)
     pairs = hard_case(case)
