@@ -27,6 +27,8 @@ class ResamplingError:
             thousandth of its channel's mean, the error is taken relative to that.
         median_relative: median of the same.
         worst_relative: largest of the same.
+        weighted_relative: sum of |f - f'| cos(theta_i) cos(theta_v) over the sum of
+            f cos(theta_i) cos(theta_v): what a picture shows.
         root_mean_square: root of the mean of (f - f')², in 1/sr.
         pairs: number of direction pairs.
     """
@@ -34,13 +36,15 @@ class ResamplingError:
     mean_relative: float
     median_relative: float
     worst_relative: float
+    weighted_relative: float
     root_mean_square: float
     pairs: int
 
     def __str__(self) -> str:
         return (
             f"mean relative error {100 * self.mean_relative:.3g} % (median "
-            f"{100 * self.median_relative:.3g} %, worst {100 * self.worst_relative:.3g} %), "
+            f"{100 * self.median_relative:.3g} %, worst {100 * self.worst_relative:.3g} %, "
+            f"weighted by the cosines {100 * self.weighted_relative:.3g} %), "
             f"RMSE {self.root_mean_square:.3g} 1/sr over {self.pairs} random pairs"
         )
 
@@ -58,10 +62,13 @@ def resampling_error(
     truth, other = evaluate(original, wi, wv), evaluate(resampled, wi, wv)
     smallest = np.maximum(1e-3 * truth.mean(axis=0), np.finfo(float).tiny)
     relative = np.abs(truth - other) / np.maximum(truth, smallest)
+    cosines = (wi[:, 2] * wv[:, 2])[:, None]
+    total = max(float((truth * cosines).sum()), np.finfo(float).tiny)
     return ResamplingError(
         float(relative.mean()),
         float(np.median(relative)),
         float(relative.max()),
+        float((np.abs(truth - other) * cosines).sum() / total),
         float(np.sqrt(np.mean((truth - other) ** 2))),
         pairs,
     )
