@@ -130,7 +130,7 @@ class ComparisonSettings(Section):
 class SceneSettings:
     """One scene: its registered name and options.
 
-    ``environment_sphere`` also takes ``environment``, an EXR or HDR file (``"builtin"`` without
+    Every scene also takes ``spp`` in place of that of [rendering]; ``environment_sphere`` takes ``environment``, an EXR or HDR file (``"builtin"`` without
     one), beside ``lights``, into how many directional lights it is cut.
     """
 
@@ -141,6 +141,7 @@ class SceneSettings:
         if text("'name' in [[scenes]]", self.name) not in SCENES:
             raise unknown_name("scene", self.name, SCENES)
         defaults = dict(SCENES[self.name].options)
+        defaults["spp"] = 16
         if "lights" in defaults:
             defaults["environment"] = BUILTIN
         checked = {}
@@ -184,9 +185,9 @@ def _option_check(key: str, default: Any) -> Check:
 
 DEMO_SCENES = (
     SceneSettings("sphere", {"resolution": 256}),
-    SceneSettings("four_spheres", {"resolution": 768}),
+    SceneSettings("four_spheres", {"columns": 2, "resolution": 384}),
     SceneSettings("cylinder", {"light": "top", "resolution": 128}),
-    SceneSettings("environment_sphere", {"lights": 256, "resolution": 256}),
+    SceneSettings("environment_sphere", {"lights": 256, "resolution": 192, "spp": 4}),
 )
 
 

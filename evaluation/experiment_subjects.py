@@ -1,0 +1,200 @@
+"""The reflectances of an experiment: the truth, and what each measurement makes of it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig.cost import Cost
+from simrig.data.hdf5 import write_reflectance
+from simrig.errors import SimrigError
+from simrig.evaluation.experiment_config import MeasurementSettings
+from simrig.evaluation.experiment_parts import CHECKPOINT, Parts, Steps
+from simrig.evaluation.uniform_table import UniformPlan, measure_uniform, uniform_plan
+from simrig.reconstruction.slices import reconstruct
+from simrig.reflectance.dense import DenseTable
+from simrig.reflectance.protocol import Reflectance
+from simrig.reflectance.slices import SliceReflectance
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurement import Measurement
+from simrig.sampling.placement import SlicePlacement, optimal_placement
+
+METHODS = {"slices": "adaptive slices", "uniform": "regular grid"}
+LARGEST_THETA_DEG = 80.0  # that of the thesis; real arms do not reach much further
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One measurement that will be made.
+
+    Attributes:
+        key: a name for files.
+        method: ``"slices"`` or ``"uniform"``.
+        samples: how many it takes.
+        layout: where they lie.
+    """
+
+    key: str
+    method: str
+    samples: int
+    layout: SlicePlacement | UniformPlan
+
+    @property
+    def label(self) -> str:
+        """A name for people."""
+        return f"{METHODS[self.method]}, {self.samples:,} samples"
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A reconstructed reflectance and how it came about.
+
+    Attributes:
+        plan: how it was measured.
+        reflectance: the result.
+        record: plain values for the results: costs, bytes and files.
+        measurement: the samples along slices, None for a grid.
+    """
+
+    plan: Plan
+    reflectance: Reflectance
+    record: dict[str, Any]
+    measurement: Measurement | None
+
+
+def largest_theta_deg(truth: Reflectance, wished: float | None) -> float:
+    """Return theta_max of the plans, in degrees.
+
+    Without a wish: 80, or where the data end earlier, that rounded down to whole degrees.
+
+    Raises:
+        SimrigError: the wish lies beyond the data.
+    """
+    data_end = float(np.degrees(truth.theta_max))
+    if wished is None:
+        return min(LARGEST_THETA_DEG, float(np.floor(data_end + 1e-6)))
+    if wished > data_end + 1e-6:
+        raise SimrigError(
+            f"'theta_max_deg' is {wished:g}, but the data of '{truth.name}' end at {data_end:g}°"
+        )
+    return wished
+
+
+def make_plans(settings: MeasurementSettings, theta_max_deg: float) -> list[Plan]:
+    """Return all measurements of an experiment, each adaptive one followed by its baseline.
+
+    Raises:
+        SimrigError: too few samples for their placement.
+    """
+    plans = []
+    for count in settings.samples:
+        if settings.elevation_step_deg is None or settings.azimuth_step_deg is None:
+            placement = optimal_placement(count, theta_max_deg)
+        else:
+            steps = settings.elevation_step_deg, settings.azimuth_step_deg
+            placement = SlicePlacement.from_degrees(*steps, theta_max_deg)
+        if placement.intersections > count:
+            raise SimrigError(
+                f"{count} samples are too few: {placement.describe()} has "
+                f"{placement.intersections} intersections, all of which are measured"
+            )
+        plans.append(Plan(f"slices-{count}", "slices", count, placement))
+        if settings.baseline:
+            grid = uniform_plan(count, float(np.radians(theta_max_deg)))
+            plans.append(Plan(f"uniform-{grid.samples}", "uniform", grid.samples, grid))
+    return plans
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """Measures and rebuilds one material, keeping what is finished.
+
+    Attributes:
+        truth: the material.
+        settings: how it is measured.
+        interpolation: along the slices.
+        folder: where the files go.
+        parts, steps: what is finished, and who is told.
+    """
+
+    truth: Reflectance
+    settings: MeasurementSettings
+    interpolation: str
+    folder: Path
+    parts: Parts
+    steps: Steps
+
+    def subject(self, plan: Plan) -> Subject:
+        """Measure and rebuild according to a plan, or take what was finished before."""
+        self.steps.begin(f"measuring, {plan.label}")
+        if isinstance(plan.layout, UniformPlan):
+            subject = self._uniform(plan, plan.layout)
+        else:
+            subject = self._slices(plan, plan.layout)
+        self.steps.end()
+        return subject
+
+    def _slices(self, plan: Plan, placement: SlicePlacement) -> Subject:
+        measurement = self._measured(plan, placement)
+        start = time.perf_counter()
+        reflectance = reconstruct(measurement, self.interpolation)
+        seconds = time.perf_counter() - start
+        costs = {
+            "sampling": measurement.cost,
+            "reconstruction": Cost(compute_seconds=seconds, bytes=reflectance.stored_bytes),
+        }
+        record = self._recorded(plan, reflectance, costs)
+        return Subject(plan, reflectance, record, measurement)
+
+    def _measured(self, plan: Plan, placement: SlicePlacement) -> Measurement:
+        path = self.folder / "measurements" / f"{plan.key}.h5"
+        name = f"measurement {plan.key}"
+        if self.parts.get(name):
+            return Measurement.load(path)
+        measurement = Gonioreflectometer().measure(
+            self.truth,
+            placement,
+            plan.samples,
+            slice_types=self.settings.slice_types,
+            k=self.settings.k,
+            p_1=self.settings.p_1,
+            p_2=self.settings.p_2,
+            checkpoint=path.with_suffix(CHECKPOINT),
+            progress=self.steps.within,
+        )
+        measurement.save(path)
+        self.parts.put(name, {"files": {"measurement": f"measurements/{path.name}"}})
+        return measurement
+
+    def _uniform(self, plan: Plan, grid: UniformPlan) -> Subject:
+        table, cost = measure_uniform(Gonioreflectometer(), self.truth, grid)
+        # the grid is its own reconstruction: multilinear look-ups read the samples themselves
+        costs = {"sampling": cost, "reconstruction": Cost(bytes=table.values.nbytes)}
+        return Subject(plan, table, self._recorded(plan, table, costs), None)
+
+    def _recorded(
+        self, plan: Plan, reflectance: SliceReflectance | DenseTable, costs: dict[str, Cost]
+    ) -> dict[str, Any]:
+        """Write the reflectance and note its costs, once; later runs keep the first record."""
+        name = f"reconstruction {plan.key}"
+        known = self.parts.get(name)
+        if known:
+            return known
+        path = self.folder / "reconstructions" / f"{plan.key}.h5"
+        about = {"material": self.truth.name, "plan": plan.layout.describe(), "label": plan.label}
+        write_reflectance(path, reflectance, about)
+        files = {"reconstruction": f"reconstructions/{path.name}"}
+        if plan.method == "slices":
+            files["measurement"] = f"measurements/{plan.key}.h5"
+        return self.parts.put(
+            name,
+            {
+                "cost": {step: cost.as_dict() for step, cost in costs.items()},
+                "file_bytes": path.stat().st_size,
+                "files": files,
+            },
+        )

@@ -1,0 +1,96 @@
+"""The report of an experiment: one HTML file that needs nothing else, on screen and on paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from simrig.evaluation.experiment_subjects import METHODS, Subject
+from simrig.evaluation.report_pictures import brdf_pictures, cost_plots, data_uri, slices_picture
+from simrig.reflectance.protocol import Reflectance
+
+_TEMPLATES = Path(__file__).with_name("templates")
+
+
+def render(
+    results: Mapping[str, Any],
+    folder: Path,
+    truth: Reflectance,
+    subjects: Sequence[Subject],
+    settings: str,
+) -> str:
+    """Return the report as HTML.
+
+    Args:
+        results: what ``results.json`` holds (``docs/experiments.md``).
+        folder: where the pictures are that it names.
+        truth: the material.
+        subjects: the reconstructions in the order of the results.
+        settings: the experiment as TOML.
+    """
+    records = {record["key"]: record for record in results["reconstructions"]}
+    by_method = {m: [s for s in subjects if s.plan.method == m] for m in METHODS}
+    by_method = {method: own for method, own in by_method.items() if own}
+    finest = {own[-1].plan.key: own[-1].reflectance for own in by_method.values()}
+    measured = [s.measurement for s in subjects if s.measurement is not None]
+    scale = results["experiment"]["rendering"]["difference_scale"]
+    context = {
+        "r": results,
+        "methods": {m: [records[s.plan.key] for s in own] for m, own in by_method.items()},
+        "names": METHODS,
+        "picture": lambda file: data_uri((folder / file).read_bytes()),
+        # the middle one: enough samples to see a pattern, few enough to see dots
+        "slices": slices_picture(truth, measured[len(measured) // 2]),
+        "brdf": brdf_pictures(truth, finest, results["theta_max_deg"], scale),
+        "records": records,
+        "plots": cost_plots(results["accuracy_versus_cost"], METHODS),
+        "settings": settings,
+    }
+    return _environment().get_template("report.html").render(context)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters.update(sig=significant, size=size, metric=metric, count=count)
+    return environment
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number rounded to so many significant digits, written out where that is short."""
+    if value == 0.0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -5 <= exponent <= 7:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:,.{max(0, digits - 1 - exponent)}f}"
+
+
+def count(value: int) -> str:
+    """Return a whole number with separated thousands."""
+    return f"{value:,}"
+
+
+def size(value: float) -> str:
+    """Return a number of bytes in words, in powers of 1000."""
+    for unit in ("bytes", "kB", "MB"):
+        if value < 1000.0:
+            return f"{value:.0f} {unit}" if unit == "bytes" else f"{significant(value)} {unit}"
+        value /= 1000.0
+    return f"{significant(value)} GB"
+
+
+def metric(value: float | None) -> str:
+    """Return an error figure; None stands for the infinite PSNR of identical images."""
+    return "∞" if value is None else significant(value)
