@@ -34,27 +34,32 @@ class SliceMeasurement(Protocol):
 
 
 def slice_layout(
-    placement: SlicePlacement, azimuth_samples: int = 360, largest_node_step_deg: float = 2.0
+    placement: SlicePlacement,
+    azimuth_samples: int = 360,
+    largest_node_step_deg: float = 2.0,
+    one_pole: bool = True,
 ) -> SliceLayout:
     """Return the table structure for a placement.
 
     The elevation grid has the largest step, at most ``largest_node_step_deg``, that meets all
-    measured elevations exactly (searched in multiples of 1/12°); where none does, it comes as
-    close as the wished step allows.
+    measured elevations exactly (in whole twelfths of a degree, and not below 0.25°); where there
+    is none, every interval between measured elevations has its own step.
     """
-    top, step = np.degrees([placement.theta_max, placement.elevation_step])
-    ticks = np.round(np.array([top, step]) * 12.0)
-    common = np.gcd(*ticks.astype(int)) / 12.0
-    if np.abs(ticks / 12.0 - [top, step]).max() > 1e-6 or common < 0.25:
-        node_step = top / np.ceil(top / largest_node_step_deg - 1e-9)
-    else:
+    ticks = np.degrees([placement.theta_max, placement.elevation_step]) * 12.0
+    common = np.gcd(*np.round(ticks).astype(int)) / 12.0
+    intervals = placement.elevation_count - 1
+    if np.abs(ticks - np.round(ticks)).max() < 1e-5 and common >= 0.25:
         node_step = common / np.ceil(common / largest_node_step_deg - 1e-9)
+        count = round(ticks[0] / 12.0 / node_step)
+    else:
+        count = intervals * int(np.ceil(ticks[1] / 12.0 / largest_node_step_deg - 1e-9))
     return SliceLayout(
         placement.elevation_step,
         placement.azimuth_step,
         placement.theta_max,
         azimuth_samples,
-        round(top / node_step) + 1,
+        count + 1,
+        one_pole,
     )
 
 
@@ -64,6 +69,7 @@ def reconstruct(
     *,
     azimuth_samples: int = 360,
     largest_node_step_deg: float = 2.0,
+    one_pole: bool = True,
 ) -> SliceReflectance:
     """Return the reflectance that a measurement along slices gives.
 
@@ -71,6 +77,10 @@ def reconstruct(
         measurement: what a rig recorded (``simrig.rigs.measurement.Measurement``).
         interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         azimuth_samples, largest_node_step_deg: resolution of the tables.
+        one_pole: one value at theta = 0 whatever azimuth is named; False takes D.1 to the letter.
+
+    Raises:
+        SimrigError: for an unknown interpolation, or too coarse tables.
     """
     return reconstruct_slices(
         measurement.samples,
@@ -79,6 +89,7 @@ def reconstruct(
         interpolation=interpolation,
         azimuth_samples=azimuth_samples,
         largest_node_step_deg=largest_node_step_deg,
+        one_pole=one_pole,
         name=f"{measurement.material} from {len(measurement.samples.values)} samples",
     )
 
@@ -91,6 +102,7 @@ def reconstruct_slices(
     interpolation: str = "cubic",
     azimuth_samples: int = 360,
     largest_node_step_deg: float = 2.0,
+    one_pole: bool = True,
     name: str = "slices",
 ) -> SliceReflectance:
     """Pre-interpolate all slices into the tables of a ``SliceReflectance``.
@@ -102,12 +114,13 @@ def reconstruct_slices(
         interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         azimuth_samples: samples over 360° along axial and diagonal slices.
         largest_node_step_deg: largest step of the elevation grid, in degrees.
+        one_pole: see ``reconstruct``.
         name: name of the result.
 
     Splines can dip below zero beside a highlight; pre-interpolated values are kept at or above 0.
     """
     slices = build_slices(placement, slice_types)
-    layout = slice_layout(placement, azimuth_samples, largest_node_step_deg)
+    layout = slice_layout(placement, azimuth_samples, largest_node_step_deg, one_pole)
     interpolate = SliceInterpolator(samples.knots, samples.values, interpolation)
     number = {
         (int(kind), *map(int, index)): s
@@ -122,8 +135,7 @@ def reconstruct_slices(
     horizontal = None
     if slice_types == "all":
         rows = _horizontal_rows(layout, number)
-        theta = np.arange(layout.node_count) * layout.node_step
-        horizontal = _fill(interpolate, rows, theta, shapes["horizontal"])
+        horizontal = _fill(interpolate, rows, layout.nodes, shapes["horizontal"])
     return SliceReflectance(layout, corners, axial, diagonal, horizontal, name)
 
 

@@ -69,6 +69,8 @@ class BlendedElevations:
         a_n, samples = lay.azimuth_count, lay.azimuth_samples
         # positions in samples of the slices: u counts twice their step
         turn = types.UInt(samples)
+        exchange = (a == b) & (p > q)  # as SliceReflectance orders equal elevations
+        p, q = dr.select(exchange, q, p), dr.select(exchange, p, q)
         p, q = p * self.azimuth_ratio, q * self.azimuth_ratio
         u = dr.select(q >= p, q - p, q + turn - p)
         m = (p + u // 2) % turn
@@ -125,7 +127,7 @@ class BlendedElevations:
                 own_row, own_place = row, dr.select(flip, (samples - place) % samples, place)
             source = (lay.pair(i, v, flip) * (a_n + 1) + own_row) * samples + own_place
             value = dr.gather(self.colour, self.data[key], source)
-            pole = (i == 0) | (v == 0)
+            pole = ((i == 0) | (v == 0)) & lay.one_pole
             weight = dr.select(pole, 0.0, dr.gather(types.Float, weight, pair))
             total += value * weight
             lowest = dr.select(pole, lowest, dr.minimum(lowest, value))
@@ -142,7 +144,7 @@ class BlendedElevations:
             total, lowest = self.colour(0.0), self.colour(_NOTHING)
             for knot_i, knot_v, weight in self._corners():
                 i, v = dr.gather(types.UInt, knot_i, pair), dr.gather(types.UInt, knot_v, pair)
-                pole = (i == 0) if light_at_pole else (v == 0) & (i != 0)
+                pole = ((i == 0) if light_at_pole else (v == 0) & (i != 0)) & lay.one_pole
                 other = v if light_at_pole else i
                 source = lay.pair(0 * other, other, False) * (lay.azimuth_count + 1) * samples
                 value = dr.gather(self.colour, self.data["axial"], source + place)
@@ -158,7 +160,7 @@ class BlendedElevations:
         """Return s + t − 3c; at the pole on the circle at the azimuth of the view."""
         lay = self.layout
         a_n = lay.azimuth_count
-        pole = a == 0
+        pole = (a == 0) & lay.one_pole
         k_pole, x_pole = self._cell(q % lay.azimuth_samples, 2 * a_n)
         j, y = dr.select(pole, 0, j), dr.select(pole, 0.0, y)
         k, x = dr.select(pole, k_pole, k), dr.select(pole, x_pole, x)

@@ -37,6 +37,8 @@ class SliceLayout:
         theta_max: largest elevation, in radians.
         azimuth_samples: M, samples over 360° along axial and diagonal slices.
         node_count: N, samples from 0 to theta_max along horizontal slices.
+        one_pole: give points near theta = 0 one value whatever azimuth is named there; without
+            it D.1 is taken to the letter, where the value at the pole depends on that azimuth.
     """
 
     elevation_step: float
@@ -44,10 +46,16 @@ class SliceLayout:
     theta_max: float
     azimuth_samples: int = 360
     node_count: int = 41
+    one_pole: bool = True
 
     def __post_init__(self) -> None:
         if self.azimuth_samples < 4 or self.node_count < 2:
             raise SimrigError("a slice table needs at least 4 azimuth and 2 elevation samples")
+        if not self.regular_nodes and (self.node_count - 1) % (self.elevation_count - 1):
+            raise SimrigError(
+                f"{self.node_count} elevation samples do not meet all {self.elevation_count} "
+                "measured elevations"
+            )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the structure as plain values."""
@@ -62,6 +70,7 @@ class SliceLayout:
             float(values["theta_max"]),
             int(values["azimuth_samples"]),
             int(values["node_count"]),
+            bool(values["one_pole"]),
         )
 
     @cached_property
@@ -85,10 +94,27 @@ class SliceLayout:
         """Number of subspaces with theta_i <= theta_v."""
         return self.elevation_count * (self.elevation_count + 1) // 2
 
-    @property
-    def node_step(self) -> float:
-        """Step of the elevation grid in radians."""
-        return self.theta_max / (self.node_count - 1)
+    @cached_property
+    def regular_nodes(self) -> bool:
+        """Whether one step from 0 to theta_max meets all knots; else each interval has its own."""
+        position = self.knots / self.theta_max * (self.node_count - 1)
+        return bool(np.abs(position - np.round(position)).max() < 1e-5)
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """Elevations of the grid in radians, (N,); every knot is one of them."""
+        if self.regular_nodes:
+            return np.linspace(0.0, self.theta_max, self.node_count)
+        position = np.linspace(0.0, self.elevation_count - 1.0, self.node_count)
+        return np.interp(position, np.arange(self.elevation_count), self.knots)
+
+    def node_position(self, theta: Array) -> Array:
+        """Return where elevations in [0, theta_max] lie on the grid, in [0, N − 1]."""
+        if self.regular_nodes:
+            return theta * ((self.node_count - 1) / self.theta_max)
+        index, weight = self.elevation_cell(theta)
+        per_interval = (self.node_count - 1) // (self.elevation_count - 1)
+        return (self.number(index, theta) + weight) * per_interval
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the shapes of the stored arrays (thesis appendix D.4)."""
@@ -131,8 +157,7 @@ class SliceLayout:
         """Indices and weights that turn slices and intersections into elevation surfaces."""
         a_n, turn = self.azimuth_count, 2 * self.azimuth_count
         b, a = np.array([(b, a) for b in range(self.node_count) for a in range(b + 1)]).T
-        theta = np.arange(self.node_count) * self.node_step
-        (i, w), (v, z) = self.elevation_cell(theta[a]), self.elevation_cell(theta[b])
+        (i, w), (v, z) = (self.elevation_cell(self.nodes[n]) for n in (a, b))
         j, k = np.indices((a_n + 1, turn + 1)).reshape(2, -1)
         # rows beyond the last axial slice continue on the first one, half a turn on
         j_own, k_own = np.where(j == a_n, 0, j), np.where(j == a_n, (k + a_n) % turn, k)
@@ -153,7 +178,7 @@ class SliceLayout:
                 column = np.where(exchanged[:, None], (k + a_n) % turn, k)
                 corners.append((pair * (a_n + 1) + row) * (turn + 1) + column)
                 weight = (w if step else 1 - w) * (z if step_v else 1 - z)
-                pole = (corner_i == 0) | (corner_v == 0)
+                pole = ((corner_i == 0) | (corner_v == 0)) & self.one_pole
                 corner_weight.append((weight, np.where(pole, 0.0, weight)))
         return {
             "slices_i": np.stack(slices_i),

@@ -154,7 +154,8 @@ class SliceReflectance(Reflectance):
     ) -> Array:
         lay, xp = self.layout, namespace(theta_i)
         a_n, half_step = lay.azimuth_count, 0.5 * lay.azimuth_step
-        exchange = theta_i > theta_v  # reciprocity: only theta_i <= theta_v is stored
+        # reciprocity: only theta_i <= theta_v is stored; equal ones are ordered by azimuth
+        exchange = (theta_i > theta_v) | ((theta_i == theta_v) & (phi_i > phi_v))
         theta_i, theta_v = xp.minimum(theta_i, theta_v), xp.maximum(theta_i, theta_v)
         phi_i, phi_v = xp.select(exchange, phi_v, phi_i), xp.select(exchange, phi_i, phi_v)
         theta_i, theta_v = (xp.minimum(t, lay.theta_max) for t in (theta_i, theta_v))
@@ -177,7 +178,7 @@ class SliceReflectance(Reflectance):
                 # only the corner below the diagonal can belong to the other half of the pairs
                 flip = (i == v) if (step_i, step_v) == (1, 0) else False
                 pair = lay.pair(i + step_i, v + step_v, flip)
-                pole = _pole(i, v, step_i, step_v)
+                pole = _pole(i, v, step_i, step_v) if lay.one_pole else False
                 rows = (_choose(flip, a_n - j, j), _choose(flip, a_n - 1 - j, j + 1))
                 places = (_choose(flip, m + np.pi, m),) * 2
                 if pole is not False:
@@ -220,7 +221,7 @@ class SliceReflectance(Reflectance):
     def _floor_index(self, theta_i: Array, theta_v: Array, j: Array, k: Array) -> Array:
         """Return where the lowest value around the nearest node of the elevation grid lies."""
         lay = self.layout
-        a, b = (to_index(t / lay.node_step + 0.5) for t in (theta_i, theta_v))
+        a, b = (to_index(lay.node_position(t) + 0.5) for t in (theta_i, theta_v))
         return (lay.node_pair(a, b, False) * lay.azimuth_count + j) * 2 * lay.azimuth_count + k
 
     def _between(
@@ -236,8 +237,8 @@ class SliceReflectance(Reflectance):
         lay, xp = self.layout, namespace(theta_i)
         a_n, last = lay.azimuth_count, lay.node_count - 1
         j, y, k, x = cell
-        a, w = _cell(theta_i / lay.node_step, last)
-        b, z = _cell(theta_v / lay.node_step, last)
+        a, w = _cell(lay.node_position(theta_i), last)
+        b, z = _cell(lay.node_position(theta_v), last)
         value: Array = None
         for step_i, weight_i in ((0, 1.0 - w), (1, w)):
             for step_v, weight_v in ((0, 1.0 - z), (1, z)):
@@ -247,7 +248,7 @@ class SliceReflectance(Reflectance):
                 y_here, x_here = _choose(flip, 1.0 - y, y), x
                 if flip is not False:
                     column = xp.select(flip, xp.select(k >= a_n, k - a_n, k + a_n), k)
-                pole = _pole(a, b, step_i, step_v)
+                pole = _pole(a, b, step_i, step_v) if lay.one_pole else False
                 if pole is not False:
                     around = phi_v if step_i == 0 else phi_i
                     k_pole, x_pole = _cell(wrap_angle(around) / (0.5 * lay.azimuth_step), 2 * a_n)

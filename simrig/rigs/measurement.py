@@ -198,7 +198,7 @@ class ReplayLog:
                 f"the checkpoint '{self._path}' was made by another version of simrig: delete it"
             )
         self._position += len(angles)
-        for first in range(len(known), len(angles), chunk):
+        for first in range(len(known), len(angles), max(chunk, 1)):
             part = angles[first : first + chunk]
             values = take(part)
             self._angles = np.concatenate([self._angles, part])

@@ -120,8 +120,8 @@ def _candidates(knots: Knots, error: np.ndarray, step: float) -> tuple[np.ndarra
 
 def _largest(weight: np.ndarray, count: int) -> np.ndarray:
     """Return the ascending indices of the ``count`` largest weights; ties go to the first ones."""
-    if count >= len(weight):
-        return np.arange(len(weight))
+    if count == 0 or count >= len(weight):
+        return np.arange(min(count, len(weight)))
     threshold = np.partition(weight, len(weight) - count)[len(weight) - count]
     chosen = np.flatnonzero(weight > threshold)
     ties = np.flatnonzero(weight == threshold)[: count - len(chosen)]

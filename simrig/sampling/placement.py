@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -223,55 +224,82 @@ def build_slices(placement: SlicePlacement, slice_types: str = "all") -> Slices:
     """
     if slice_types not in SLICE_TYPES:
         raise unknown_name("slice types", slice_types, SLICE_TYPES)
-    corners = placement.corner_samples()
-    elevations = placement.elevations
-    e_n, a_n = placement.elevation_count, placement.azimuth_count
-    half = placement.azimuth_step / 2.0
-    turn = 2 * a_n
-    steps = np.arange(turn) * half
-    parts: list[tuple] = []  # kind, ends, length, index, origin, direction, positions, samples
+    found = _subspace_slices(placement)
+    if slice_types == "all":
+        found += _horizontal_slices(placement)
+    return Slices(
+        kind=np.array([s.kind for s in found]),
+        origin=np.array([s.origin for s in found], dtype=np.float64),
+        direction=np.array([_DIRECTIONS[s.kind] for s in found], dtype=np.float64),
+        ends=np.array([s.ends for s in found]),
+        length=np.array([s.length for s in found], dtype=np.float64),
+        first_knot=np.concatenate([[0], np.cumsum([len(s.positions) for s in found])]),
+        position=np.concatenate([s.positions for s in found]),
+        sample=np.concatenate([s.samples for s in found]),
+        index=np.array([s.index for s in found]),
+    )
 
-    for v in range(1, e_n):  # the subspaces (0, theta): one circle
-        parts.append(
-            (CIRCLE, PERIODIC, 2 * np.pi, (0, v, 0, 0), (0, elevations[v], 0, 0), (0, 0, 0, 1))
-            + (steps, corners[0, v, 0])
-        )
+
+class _Slice(NamedTuple):
+    """One slice; the fields are those of ``Slices``."""
+
+    kind: int
+    ends: int
+    length: float
+    index: tuple[int, int, int, int]
+    origin: tuple[float, float, float, float]
+    positions: np.ndarray
+    samples: np.ndarray
+
+
+# change of theta_i, theta_v, phi_i, phi_v along each kind of slice
+_DIRECTIONS = {
+    AXIAL: (0, 0, 1, 1),
+    DIAGONAL: (0, 0, -1, 1),
+    CIRCLE: (0, 0, 0, 1),
+    HORIZONTAL: (0, 1, 0, 0),
+}
+
+
+def _subspace_slices(placement: SlicePlacement) -> list[_Slice]:
+    """Return the circles of (0, theta) and the axial and diagonal slices."""
+    corners, theta = placement.corner_samples(), placement.elevations.tolist()
+    e_n, a_n = placement.elevation_count, placement.azimuth_count
+    half, turn, full = 0.5 * placement.azimuth_step, 2 * placement.azimuth_count, 2.0 * np.pi
+    steps = np.arange(turn) * half
+    found = [
+        _Slice(CIRCLE, PERIODIC, full, (0, v, 0, 0), (0, theta[v], 0, 0), steps, corners[0, v, 0])
+        for v in range(1, e_n)
+    ]
     for i in range(1, e_n):
         for v in range(i, e_n):
-            theta = (elevations[i], elevations[v])
             same = i == v
             for j in range(a_n // 2 + 1 if same else a_n):
-                knots = a_n if same and 2 * j == a_n else turn
-                parts.append(
-                    (AXIAL, PERIODIC, knots * half, (i, v, j, 0), (*theta, -j * half, j * half))
-                    + ((0, 0, 1, 1), steps[:knots], corners[i, v, j, :knots])
-                )
+                count = a_n if same and 2 * j == a_n else turn
+                origin = (theta[i], theta[v], -j * half, j * half)
+                knots = (steps[:count], corners[i, v, j, :count])
+                found.append(_Slice(AXIAL, PERIODIC, count * half, (i, v, j, 0), origin, *knots))
             for b in range(a_n):
                 around = np.concatenate([corners[i, v, :, b], corners[i, v, :, b + a_n]])
-                knots = a_n + 1 if same else turn
-                parts.append(
-                    (DIAGONAL, MIRRORED if same else PERIODIC, np.pi if same else 2 * np.pi)
-                    + ((i, v, b, 0), (*theta, b * half, b * half), (0, 0, -1, 1))
-                    + (steps[:knots], around[:knots])
+                count = a_n + 1 if same else turn
+                ends, length = (MIRRORED, np.pi) if same else (PERIODIC, full)
+                origin = (theta[i], theta[v], b * half, b * half)
+                knots = (steps[:count], around[:count])
+                found.append(_Slice(DIAGONAL, ends, length, (i, v, b, 0), origin, *knots))
+    return found
+
+
+def _horizontal_slices(placement: SlicePlacement) -> list[_Slice]:
+    """Return the slices along theta_v; at theta_i = 0 only the azimuth of the view counts."""
+    corners, theta = placement.corner_samples(), placement.elevations
+    a_n, half = placement.azimuth_count, 0.5 * placement.azimuth_step
+    found = []
+    for i in range(placement.elevation_count):
+        for j in range(a_n if i else 1):
+            for k in range(2 * a_n):
+                origin = (float(theta[i]), 0.0, (k - j) * half, (k + j) * half)
+                knots = (theta, corners[i, :, j, k])
+                found.append(
+                    _Slice(HORIZONTAL, OPEN, placement.theta_max, (i, 0, j, k), origin, *knots)
                 )
-    if slice_types == "all":
-        for i in range(e_n):
-            for j in range(a_n if i else 1):
-                for k in range(turn):
-                    origin = (elevations[i], 0, k * half - j * half, k * half + j * half)
-                    parts.append(
-                        (HORIZONTAL, OPEN, placement.theta_max, (i, 0, j, k), origin, (0, 1, 0, 0))
-                        + (elevations, corners[i, :, j, k])
-                    )
-    kind, ends, length, index, origin, direction, position, sample = zip(*parts, strict=True)
-    return Slices(
-        kind=np.array(kind),
-        origin=np.array(origin, dtype=np.float64),
-        direction=np.array(direction, dtype=np.float64),
-        ends=np.array(ends),
-        length=np.array(length, dtype=np.float64),
-        first_knot=np.concatenate([[0], np.cumsum([len(p) for p in position])]),
-        position=np.concatenate(position),
-        sample=np.concatenate(sample),
-        index=np.array(index),
-    )
+    return found

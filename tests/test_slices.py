@@ -1,0 +1,552 @@
+"""Placement, adaptive sampling, the slice reflectance and the rig that measures it."""
+
+import itertools
+from pathlib import Path
+
+import drjit as dr
+import h5py
+import numpy as np
+import pytest
+
+from simrig import backend
+from simrig.directions import to_vector
+from simrig.errors import SimrigError
+from simrig.reconstruction.slices import reconstruct, slice_layout
+from simrig.reflectance import Lambert, evaluate, kurt_material
+from simrig.reflectance.grid import dense_grid, to_dense
+from simrig.reflectance.slices import SliceReflectance
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurement import Measurement
+from simrig.rigs.timing import UTIA_TIMING
+from simrig.sampling.adaptive import capacity, leave_one_out_errors, sample_adaptively
+from simrig.sampling.placement import (
+    TABLE_5_1,
+    SlicePlacement,
+    build_slices,
+    optimal_placement,
+)
+
+RIG = Gonioreflectometer()
+
+
+def measured(name="fabric112", steps=(20, 60), samples=2272, **options):
+    return RIG.measure(kurt_material(name), SlicePlacement.from_degrees(*steps), samples, **options)
+
+
+@pytest.fixture(scope="module")
+def fabric():
+    return reconstruct(measured())
+
+
+# -- placement ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("steps", "count"),
+    [((28, 180), 55), ((14, 36), 3781), ((10, 36), 6641), ((6, 12), 177661), ((16, 60), None)],
+)
+def test_intersections_are_counted_as_in_the_thesis(steps, count):
+    placement = SlicePlacement.from_degrees(*steps)
+    distinct = np.unique(placement.corner_samples())
+    assert len(distinct) == placement.intersections == distinct[-1] + 1
+    assert count in (None, placement.intersections)
+
+
+def test_corners_of_one_sample_are_the_same_physical_pair():
+    placement = SlicePlacement.from_degrees(28, 60)
+    corners, angles = placement.corner_samples(), placement.corner_angles()
+    half = placement.azimuth_step / 2
+    for i, v, j, k in itertools.product(*map(range, corners.shape)):
+        theta = placement.elevations[[i, v]]
+        wi, wv = to_vector(theta, np.array([(k - j) * half, (k + j) * half]))
+        stored = angles[corners[i, v, j, k]]
+        si, sv = to_vector(stored[:2], stored[2:])
+        same = np.allclose(wi, si, atol=1e-9) and np.allclose(wv, sv, atol=1e-9)
+        exchanged = np.allclose(wi, sv, atol=1e-9) and np.allclose(wv, si, atol=1e-9)
+        assert same or exchanged
+
+
+@pytest.mark.parametrize("types", ["all", "axial_diagonal"])
+def test_knots_lie_where_the_slice_says(types):
+    placement = SlicePlacement.from_degrees(28, 36)
+    slices, angles = build_slices(placement, types), placement.corner_angles()
+    owner = np.repeat(np.arange(len(slices.kind)), np.diff(slices.first_knot))
+    along = slices.angles(owner, slices.position)
+    stored = angles[slices.sample]
+    wi, wv = to_vector(along[:, 0], along[:, 2]), to_vector(along[:, 1], along[:, 3])
+    si, sv = to_vector(stored[:, 0], stored[:, 2]), to_vector(stored[:, 1], stored[:, 3])
+    direct = np.abs(wi - si).max(axis=1) + np.abs(wv - sv).max(axis=1)
+    exchanged = np.abs(wi - sv).max(axis=1) + np.abs(wv - si).max(axis=1)
+    assert np.minimum(direct, exchanged).max() < 1e-9
+
+
+def test_table_5_1_is_followed():
+    for largest, e_s, a_s in TABLE_5_1[:-1]:
+        placement = optimal_placement(int(largest))
+        assert placement.elevation_step == pytest.approx(np.radians(e_s))
+        assert placement.azimuth_step == pytest.approx(np.radians(a_s))
+    assert optimal_placement(10**6).azimuth_step == pytest.approx(np.radians(12))
+    with pytest.raises(SimrigError, match="too few"):
+        optimal_placement(54)
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ((14, 35), "divide 360"),
+        ((14, 360), "at least 2"),
+        ((0, 36), "elevation step"),
+        ((90, 36), "elevation step"),
+        ((14, 36, 90), "theta_max"),
+        ((14, 36, 91), "theta_max"),
+        ((14, float("nan")), "divide 360"),
+    ],
+)
+def test_impossible_placements_are_refused(steps, message):
+    with pytest.raises(SimrigError, match=message):
+        SlicePlacement.from_degrees(*steps)
+
+
+# -- adaptive sampling -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("samples", [55, 56, 100, 667])
+def test_exactly_the_asked_number_is_measured_and_none_twice(samples):
+    found = measured(steps=(28, 180), samples=samples)
+    angles = found.samples.angles
+    wi, wv = to_vector(angles[:, 0], angles[:, 2]), to_vector(angles[:, 1], angles[:, 3])
+    keys = [
+        min((*np.round(a, 9), *np.round(b, 9)), (*np.round(b, 9), *np.round(a, 9)))
+        for a, b in zip(wi + 0.0, wv + 0.0, strict=True)
+    ]
+    assert len(angles) == samples == len(set(keys))
+
+
+def test_too_few_and_too_many_samples_are_refused():
+    with pytest.raises(SimrigError, match="too few"):
+        measured(steps=(28, 180), samples=54)
+    placement = SlicePlacement.from_degrees(28, 180)
+    with pytest.raises(SimrigError, match="more than the placement"):
+        sample_adaptively(
+            lambda a, _: np.ones((len(a), 3)), placement, 5000, minimum_step=np.radians(10)
+        )
+
+
+def test_every_place_can_be_filled():
+    placement = SlicePlacement.from_degrees(28, 180)
+    step = np.radians(10)
+    knots = measured(steps=(28, 180), samples=55).samples.knots
+    most = 55 + capacity(knots, step)
+    full = sample_adaptively(lambda a, _: np.ones((len(a), 3)), placement, most, minimum_step=step)[
+        0
+    ]
+    assert len(full.values) == most
+    assert capacity(full.knots, step) == 0
+
+
+def test_leave_one_out_is_zero_for_linear_slices_and_finds_a_spike():
+    placement = SlicePlacement.from_degrees(20, 60)
+    knots = measured(samples=700).samples.knots
+    assert np.all(leave_one_out_errors(knots, np.ones((700, 3))) == 0.0)
+    spike = np.ones((700, 3))
+    spike[knots.sample[knots.first[1] + 1], 1] = 1e5
+    error = leave_one_out_errors(knots, spike)
+    assert error.max() == pytest.approx(1e5 - 1.0)
+    assert placement.intersections <= 700
+
+
+def test_new_samples_gather_where_the_signal_bends():
+    def signal(angles, _):
+        sharp = np.exp(-((np.degrees(angles[:, 3] - angles[:, 2]) % 360 - 180) ** 2) / 50.0)
+        return np.repeat(sharp[:, None], 3, axis=1)
+
+    placement = SlicePlacement.from_degrees(40, 180)
+    found = sample_adaptively(signal, placement, 300)[0]
+    new = found.angles[placement.intersections :]
+    difference = np.abs(np.degrees(new[:, 3] - new[:, 2]) % 360 - 180)
+    assert np.mean(difference < 30) > 0.3  # 30° of 180° would be a sixth of them
+
+
+def test_many_materials_at_once_equal_each_alone():
+    placement = SlicePlacement.from_degrees(28, 60)
+    materials = [kurt_material(name) for name in ("yellow_satin", "wood01", "fabric002")]
+    together = RIG.measure_many(materials, placement, 700)
+    for material, found in zip(materials, together, strict=True):
+        alone = RIG.measure(material, placement, 700)
+        np.testing.assert_array_equal(found.samples.angles, alone.samples.angles)
+        np.testing.assert_array_equal(found.values, alone.values)
+        np.testing.assert_array_equal(found.samples.knots.position, alone.samples.knots.position)
+
+
+# -- the slice reflectance ---------------------------------------------------------------------
+
+
+def scalar_d1(reflectance, theta_i, phi_i, theta_v, phi_v):
+    """D.1 written out for one direction pair, straight from the appendix, by plain loops."""
+    lay, data = reflectance.layout, reflectance.data()
+    a_n, a_s = lay.azimuth_count, lay.azimuth_step
+    i0, w = (float(t) for t in lay.elevation_cell(np.array(theta_i)))
+    v0, z = (float(t) for t in lay.elevation_cell(np.array(theta_v)))
+    u, m = (phi_v - phi_i) % (2 * np.pi), None
+    m = (phi_i + u / 2) % (2 * np.pi)
+    j, k = int(u / a_s), int(m / (a_s / 2))
+    y, x = u / a_s - j, m / (a_s / 2) - k
+
+    def read(table, position, period):
+        t = (position % period) / period * len(table)
+        low = int(t) % len(table)
+        f = t - int(t)
+        return (1 - f) * table[low] + f * table[(low + 1) % len(table)]
+
+    def pair(i, v):
+        return int(v * (v + 1) // 2 + i)
+
+    def corner(i, v, j, k):
+        if i > v:
+            return data["corners"][pair(v, i)][a_n - j][(k + a_n) % (2 * a_n)]
+        return data["corners"][pair(i, v)][j][k]
+
+    def axial(i, v, j):
+        if i > v:
+            return read(data["axial"][pair(v, i)][a_n - j], m + np.pi, 2 * np.pi)
+        return read(data["axial"][pair(i, v)][j], m, 2 * np.pi)
+
+    def diagonal(i, v, k):
+        d = u / 2 + (np.pi if k >= a_n else 0.0)
+        # k = 2·a_n continues the last diagonal row, as the padded tables do
+        row = k - a_n if k > a_n or (k == a_n and x_base >= a_n) else k
+        d = u / 2 + (np.pi if x_base >= a_n else 0.0)
+        if i > v:
+            return read(data["diagonal"][pair(v, i)][row], -d, 2 * np.pi)
+        return read(data["diagonal"][pair(i, v)][row], d, 2 * np.pi)
+
+    def horizontal(i, j, k, theta):
+        j, k = (0, (k + a_n) % (2 * a_n)) if j == a_n else (j, k)
+        t = theta / lay.theta_max * (lay.node_count - 1)
+        low = min(int(t), lay.node_count - 2)
+        row = data["horizontal"][int(i)][j][k]
+        return row[low] + (t - low) * (row[low + 1] - row[low])
+
+    def vertical(v, j, k, theta):
+        j, k = (0, (k + a_n) % (2 * a_n)) if j == a_n else (j, k)
+        j, k = (0, k) if j == 0 else (a_n - j, (k + a_n) % (2 * a_n))
+        return horizontal(v, j, k, theta)
+
+    x_base = k
+    bits = list(itertools.product((0, 1), repeat=4))
+    factor = [lambda f, b: f if b else 1 - f][0]
+    c = sum(
+        factor(y, bj)
+        * factor(x, bk)
+        * factor(w, bi)
+        * factor(z, bv)
+        * corner(i0 + bi, v0 + bv, j + bj, k + bk)
+        for bj, bk, bi, bv in bits
+    )
+    p, q, s, t, lowest = 0.0, 0.0, 0.0, 0.0, []
+    for b0, b1, b2 in itertools.product((0, 1), repeat=3):
+        a = axial(i0 + b1, v0 + b2, j + b0)
+        p += factor(y, b0) * factor(w, b1) * factor(z, b2) * a
+        d = diagonal(i0 + b1, v0 + b2, k + b0)
+        q += factor(x, b0) * factor(w, b1) * factor(z, b2) * d
+        h = horizontal(i0 + b2, j + b0, k + b1, theta_v)
+        s += factor(y, b0) * factor(x, b1) * factor(w, b2) * h
+        n = vertical(v0 + b2, j + b0, k + b1, theta_i)
+        t += factor(y, b0) * factor(x, b1) * factor(z, b2) * n
+        lowest += [a, d, h, n]
+    return np.maximum(p + q + s + t - 3 * c, np.min(lowest, axis=0))
+
+
+def test_look_up_equals_d1_written_out_at_grid_elevations(rng):
+    result = reconstruct(measured(), one_pole=False)
+    for _ in range(60):
+        node = np.sort(rng.integers(0, result.layout.node_count, 2))
+        theta = result.layout.nodes[node]
+        phi = rng.uniform(0, 2 * np.pi, 2)
+        expected = scalar_d1(result, theta[0], phi[0], theta[1], phi[1])
+        args = [np.array([a]) for a in (theta[0], phi[0], theta[1], phi[1])]
+        found = result.eval_angles(*args)[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
+
+
+def test_intersections_and_slices_are_reproduced():
+    found = measured()
+    result = reconstruct(found)
+    count = found.placement.intersections
+    angles = found.samples.angles[:count]
+    value = result.eval_angles(angles[:, 0], angles[:, 2], angles[:, 1], angles[:, 3])
+    np.testing.assert_allclose(value, found.values[:count], rtol=2e-6, atol=1e-8)
+
+
+def pairs(rng, count, top=80.0):
+    theta = np.radians(rng.uniform(0, top, (2, count)))
+    phi = rng.uniform(0, 2 * np.pi, (2, count))
+    return to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
+
+
+def test_reciprocal_non_negative_and_periodic(fabric, rng):
+    wi, wv = pairs(rng, 4000, 89.9)
+    value = evaluate(fabric, wi, wv)
+    np.testing.assert_array_equal(evaluate(fabric, wv, wi), value)
+    equal = to_vector(np.arctan2(np.hypot(wi[:, 0], wi[:, 1]), wi[:, 2]), wv[:, 0] * 3.0)
+    forth, back = evaluate(fabric, wi, equal), evaluate(fabric, equal, wi)
+    np.testing.assert_allclose(forth, back, rtol=1e-9)
+    assert np.all(value >= 0.0)
+    theta, phi = np.radians([50.0]), np.array([1.0])
+    base = fabric.eval_angles(theta, phi, theta, phi + 2.0)
+    turned = fabric.eval_angles(theta, phi + 2 * np.pi, theta, phi + 2.0 - 2 * np.pi)
+    np.testing.assert_allclose(turned, base, rtol=1e-12)
+
+
+@pytest.mark.parametrize("eps", [0.0, 1e-9])
+def test_the_pole_has_one_value_whatever_azimuth(fabric, eps):
+    azimuth = np.linspace(0, 2 * np.pi, 97)
+    theta_v, phi_v = np.full(97, 0.7), np.full(97, 1.3)
+    value = fabric.eval_angles(np.full(97, eps), azimuth, theta_v, phi_v)
+    np.testing.assert_allclose(value, np.tile(value[:1], (97, 1)), rtol=1e-6)
+    value = fabric.eval_angles(theta_v, phi_v, np.full(97, eps), azimuth)
+    np.testing.assert_allclose(value, np.tile(value[:1], (97, 1)), rtol=1e-6)
+    literal = reconstruct(measured(), one_pole=False)
+    value = literal.eval_angles(np.full(97, eps), azimuth, theta_v, phi_v)
+    assert np.ptp(value[:, 0]) > 1e-3 * value[0, 0]  # what the repair is for
+
+
+def test_no_seam_at_azimuth_wrap_and_cell_borders(fabric, rng):
+    theta = np.radians(rng.uniform(1, 79, (2, 200)))
+    step = fabric.layout.azimuth_step
+    for border in (0.0, step, np.pi, 2 * np.pi):
+        phi_i = rng.uniform(0, 2 * np.pi, 200)
+        sides = [
+            fabric.eval_angles(theta[0], phi_i, theta[1], phi_i + border + e) for e in (-1e-9, 1e-9)
+        ]
+        jump = np.abs(sides[0] - sides[1]).max(axis=1) / sides[0].max(axis=1)
+        # D.1's lower clamp may switch at a border; everything else is continuous
+        assert np.mean(jump < 1e-5) > 0.97
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_dr_jit_equals_numpy(fabric, rng, precision):
+    wi, wv = pairs(rng, 20000, 89.0)
+    types = backend.types(precision)
+    expected = evaluate(fabric, wi, wv)
+    found = evaluate(fabric, wi, wv, types.Float)
+    error = np.abs(found - expected).max(axis=1) / expected.max(axis=1)
+    limit = 1e-11 if precision == "float64" else 2e-5
+    # the clamp of D.1 is discontinuous where cells meet, rounding may cross it
+    assert np.quantile(error, 0.999) < limit
+    assert error.max() < (1e-9 if precision == "float64" else 0.1)
+
+
+def test_packed_tables_stay_within_their_stated_error(fabric, rng):
+    types = backend.types("float32")
+    data = fabric.on(types.Float)
+    wi, wv = (types.Array3(*w.T.copy()) for w in pairs(rng, 20000))
+    exact = np.array(fabric.eval(wi, wv, fabric.prepare(data))).T
+    packed = np.array(fabric.eval(wi, wv, fabric.prepare(data, differentiable=False))).T
+    scale = max(array.max() for array in fabric.data().values())
+    assert np.abs(packed - exact).max() < 2e-3 * scale
+    assert np.mean(np.abs(packed - exact) / exact) < 2e-4
+
+
+def test_derivatives_by_every_table_agree_with_differences(rng):
+    result = reconstruct(measured(steps=(40, 120), samples=200))
+    types = backend.types("float64")
+    wi, wv = (types.Array3(*w.T.copy()) for w in pairs(rng, 40, 75.0))
+    for key in result.data():
+        data = dict(result.on(types.Float))
+        table = types.Float(data[key])
+        dr.enable_grad(table)
+        data[key] = table
+        dr.backward(dr.sum(dr.sum(result.eval(wi, wv, result.prepare(data)))))
+        gradient = np.array(dr.grad(table))
+        assert np.any(gradient != 0.0)
+        for index in rng.choice(np.flatnonzero(gradient), 3):
+            sums = []
+            for h in (-1e-5, 1e-5):
+                moved = np.array(result.on(types.Float)[key])
+                moved[index] += h
+                data[key] = types.Float(moved)
+                value = result.eval(wi, wv, result.prepare(data))
+                sums.append(float(dr.sum(dr.sum(value))[0]))
+            difference = (sums[1] - sums[0]) / 2e-5
+            assert gradient[index] == pytest.approx(difference, rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize("types", ["all", "axial_diagonal"])
+@pytest.mark.parametrize("one_pole", [True, False])
+def test_whole_arrays_equal_point_by_point(rng, types, one_pole):
+    result = reconstruct(measured(slice_types=types), one_pole=one_pole)
+    dense = to_dense(result, 5.0)
+    assert dense.shape == (17, 17, 72, 72, 3)
+    theta, phi = rng.integers(0, 17, (2, 3000)), rng.integers(0, 72, (2, 3000))
+    theta[0, :500] = 0
+    step = np.radians(5.0)
+    expected = result.eval_angles(theta[0] * step, phi[0] * step, theta[1] * step, phi[1] * step)
+    found = dense[theta[0], theta[1], phi[0], phi[1]]
+    error = np.abs(found - expected).max(axis=1) / expected.max(axis=1)
+    assert np.mean(error < 1e-5) > 0.995
+    np.testing.assert_array_equal(dense, dense.transpose(1, 0, 3, 2, 4))
+
+
+def test_blended_arrays_equal_the_general_path(rng):
+    result = reconstruct(measured(), largest_node_step_deg=4.0)
+    theta, phi = rng.integers(0, 21, (2, 3000)), rng.integers(0, 90, (2, 3000))
+    dense = to_dense(result, 4.0)
+    step = np.radians(4.0)
+    expected = result.eval_angles(theta[0] * step, phi[0] * step, theta[1] * step, phi[1] * step)
+    error = np.abs(dense[theta[0], theta[1], phi[0], phi[1]] - expected)
+    assert np.mean(error.max(axis=1) < 1e-5 * expected.max(axis=1)) > 0.995
+    with pytest.raises(SimrigError, match="does not divide"):
+        dense_grid(result, 7.0)
+
+
+def test_lambert_is_exact_and_storage_is_that_of_table_d3():
+    placement = SlicePlacement.from_degrees(14, 36)
+    result = reconstruct(RIG.measure(Lambert((0.1, 0.5, 0.9)), placement, 4000))
+    wi, wv = pairs(np.random.default_rng(1), 500, 89.0)
+    expected = np.tile(np.array([0.1, 0.5, 0.9]) / np.pi, (500, 1))
+    np.testing.assert_allclose(evaluate(result, wi, wv), expected, rtol=1e-6)
+    assert result.stored_bytes / 2**20 == pytest.approx(3.30, abs=0.005)
+    layout = slice_layout(SlicePlacement.from_degrees(10, 36))
+    values = sum(np.prod(shape) for shape in layout.shapes().values())
+    assert 4 * values / 2**20 == pytest.approx(5.08, abs=0.005)
+
+
+@pytest.mark.parametrize("steps", [(15, 36, 75), (14, 45, 79), (13.37, 60, 71.3), (80, 180, 80)])
+def test_any_regular_placement_works(steps, rng):
+    placement = SlicePlacement.from_degrees(*steps)
+    result = reconstruct(RIG.measure(Lambert(), placement, placement.intersections + 7))
+    wi, wv = pairs(rng, 200)
+    np.testing.assert_allclose(evaluate(result, wi, wv), 0.5 / np.pi, rtol=1e-5)
+
+
+def test_black_and_wild_materials_stay_finite(rng):
+    class Wild(Lambert):
+        def eval(self, wi, wv, data=None):
+            hit = np.floor(1e4 * np.abs(wi[..., 0] + wv[..., 1])) % 3
+            return np.repeat(np.where(hit == 0, 1e6, hit * 1e-12)[..., None], 3, axis=-1)
+
+    placement = SlicePlacement.from_degrees(20, 60)
+    wi, wv = pairs(rng, 2000, 89.99)
+    black = reconstruct(RIG.measure(Lambert((0, 0, 0)), placement, 1500))
+    assert np.all(evaluate(black, wi, wv) == 0.0)
+    wild = evaluate(reconstruct(RIG.measure(Wild(), placement, 1500)), wi, wv)
+    assert np.all(np.isfinite(wild)) and np.all(wild >= 0.0)
+
+
+def test_bad_tables_are_refused(fabric):
+    parts = {key: np.array(value) for key, value in fabric.data().items()}
+    parts["axial"][0, 0, 0, 0] = -1.0
+    with pytest.raises(SimrigError, match="negative"):
+        SliceReflectance(fabric.layout, **parts)
+    parts["axial"] = parts["axial"][1:]
+    with pytest.raises(SimrigError, match="shape"):
+        SliceReflectance(fabric.layout, **parts)
+
+
+# -- the rig -----------------------------------------------------------------------------------
+
+
+def test_timing_matches_the_published_hours():
+    for samples, adaptive, hours in [(6561, False, 18), (8911, True, 25), (18721, True, 51)]:
+        assert UTIA_TIMING.seconds(samples, adaptive) / 3600 == pytest.approx(hours, rel=0.025)
+    ratio = UTIA_TIMING.seconds(8911, True) / UTIA_TIMING.seconds(8911, False)
+    assert ratio == pytest.approx(1.1)
+
+
+def test_elevations_out_of_reach_are_refused():
+    with pytest.raises(SimrigError, match=r"\[0, 90\) degrees, got 90"):
+        RIG.measure_directions(Lambert(), np.radians([[90.0, 10.0, 0.0, 0.0]]))
+    limited = Lambert()
+    limited.theta_max = np.radians(60.0)
+    with pytest.raises(SimrigError, match="data up to theta = 60"):
+        RIG.measure(limited, SlicePlacement.from_degrees(14, 36), 4000)
+
+
+def test_negative_material_is_refused():
+    class Negative(Lambert):
+        def eval(self, wi, wv, data=None):
+            return -super().eval(wi, wv, data)
+
+    with pytest.raises(SimrigError, match="negative or not finite at theta_i"):
+        RIG.measure(Negative(), SlicePlacement.from_degrees(28, 180), 100)
+
+
+def test_interrupted_measurement_resumes_to_the_same_result(tmp_path: Path):
+    whole = measured(samples=2000)
+    checkpoint = tmp_path / "unfinished.h5"
+
+    def interrupt(done, total):
+        if done > 1200:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        measured(samples=2000, checkpoint=checkpoint, progress=interrupt)
+    with h5py.File(checkpoint) as file:
+        assert 512 <= len(file["values"]) < 2000
+    counted = []
+    resumed = measured(
+        samples=2000, checkpoint=checkpoint, progress=lambda done, total: counted.append(done)
+    )
+    assert counted[0] > 600 and counted[-1] == 2000
+    np.testing.assert_array_equal(resumed.values, whole.values)
+    np.testing.assert_array_equal(resumed.samples.angles, whole.samples.angles)
+    assert not checkpoint.exists()
+
+
+def test_checkpoint_of_another_measurement_is_refused(tmp_path: Path):
+    checkpoint = tmp_path / "unfinished.h5"
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        measured(samples=2000, checkpoint=checkpoint, progress=interrupt)
+    measured(samples=700, checkpoint=tmp_path / "other.h5")
+    with pytest.raises(KeyboardInterrupt):
+        measured(samples=2000, checkpoint=checkpoint, progress=interrupt)
+    checkpoint.write_bytes(b"not a file")
+    with pytest.raises(SimrigError, match="truncated or damaged"):
+        measured(samples=2000, checkpoint=checkpoint)
+
+
+def test_measurement_survives_saving(tmp_path: Path):
+    found = measured(samples=700)
+    path = tmp_path / "m.h5"
+    found.save(path)
+    loaded = Measurement.load(path)
+    np.testing.assert_array_equal(loaded.values, found.values)
+    assert loaded.placement == found.placement and loaded.cost == found.cost
+    assert loaded.provenance == found.provenance
+    again = reconstruct(loaded)
+    for key, value in reconstruct(found).data().items():
+        np.testing.assert_array_equal(again.data()[key], value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.attrs.__setitem__("format_version", 99), "format version 99"),
+        (lambda f: f.attrs.__setitem__("content", "holiday pictures"), "was expected"),
+        (lambda f: f.__delitem__("values"), "damaged"),
+        (lambda f: f["values"].__setitem__(3, np.nan), "NaN"),
+        (lambda f: f["knot_sample"].__setitem__(0, 10**9), "do not fit"),
+        (lambda f: f["knot_position"].__setitem__(1, 0.0), "do not ascend"),
+        (lambda f: f.attrs.__setitem__("azimuth_step", 0.3), "divide 360"),
+    ],
+)
+def test_damaged_measurements_are_refused(tmp_path: Path, change, message):
+    path = tmp_path / "m.h5"
+    measured(samples=700).save(path)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(SimrigError, match=message):
+        Measurement.load(path)
+
+
+def test_truncated_measurement_is_refused(tmp_path: Path):
+    path = tmp_path / "m.h5"
+    measured(samples=700).save(path)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(SimrigError, match="truncated or damaged"):
+        Measurement.load(path)
