@@ -21,6 +21,8 @@ from simrig.plugins.sampling import fit_mixture, fitted
 from simrig.plugins.spectral import Upsampler
 from simrig.reflectance.protocol import Reflectance
 
+_TOLERATED_CHANGE = 0.1  # of an array under optimisation before the sampling is fitted again
+
 
 def define_adapter() -> type:
     """Return the adapter class for the current Mitsuba variant."""
@@ -54,6 +56,7 @@ def define_adapter() -> type:
             self._prepare()
             self.mixture_host = fitted(reflectance)
             self.mixture = _on_device(self.mixture_host, mi)
+            self.fitted_data: Mapping[str, np.ndarray] = reflectance.data()
             self.rotation = _number(float(rotation_deg), mi)
             self._turn()
             self.m_components = [all_flags]
@@ -126,8 +129,10 @@ def define_adapter() -> type:
             for value in self.data.values():
                 dr.make_opaque(value)  # a literal would become part of the kernel
             self._prepare()
-            self.mixture_host = fit_mixture(self.reflectance, host, start=self.mixture_host)
-            self.mixture = _on_device(self.mixture_host, mi)
+            if self._outdated(host):
+                self.mixture_host = fit_mixture(self.reflectance, host, start=self.mixture_host)
+                self.mixture = _on_device(self.mixture_host, mi)
+                self.fitted_data = host
 
         def to_string(self) -> str:
             shapes = {name: np.shape(value) for name, value in self.reflectance.data().items()}
@@ -156,6 +161,18 @@ def define_adapter() -> type:
             self.prepared = self.reflectance.prepare(self.data, self.differentiable)
             if is_jit:
                 dr.make_opaque(self.prepared)
+
+        def _outdated(self, host: Mapping[str, np.ndarray]) -> bool:
+            """Return whether the sampling has to be fitted again.
+
+            Always, but for data under optimisation: those change a little all the time, and the
+            fit may take longer than the picture.
+            """
+            return not self.differentiable or any(
+                np.abs(value - self.fitted_data[name]).sum()
+                > _TOLERATED_CHANGE * np.abs(self.fitted_data[name]).sum()
+                for name, value in host.items()
+            )
 
         def _turn(self) -> None:
             """Update cosine and sine of the rotation."""
