@@ -28,6 +28,9 @@ _INSIDE = 1e-6  # samples keep this distance from the border of the unit square
 class RglResolution:
     """Sizes of the tables of an RGL file.
 
+    The sides are odd, so that half a turn moves nodes onto nodes: otherwise the tables of a
+    symmetric material would not join without a seam.
+
     Attributes:
         theta: elevations of the view with tables of their own.
         phi: azimuths of the view over the full circle (anisotropic materials only).
@@ -37,13 +40,15 @@ class RglResolution:
 
     theta: int = 16
     phi: int = 24
-    warp: int = 96
-    colour: int = 40
+    warp: int = 97
+    colour: int = 41
 
     def __post_init__(self) -> None:
-        if self.theta < 2 or self.phi < 4 or self.phi % 4 or min(self.warp, self.colour) < 4:
+        sides = (self.warp, self.colour)
+        odd = all(side % 2 == 1 and side >= 5 for side in sides)
+        if self.theta < 2 or self.phi < 4 or self.phi % 2 or not odd:
             raise SimrigError(
-                "an RGL resolution needs theta >= 2, phi a multiple of 4, warp and colour >= 4, "
+                "an RGL resolution needs theta >= 2, phi even, warp and colour odd and >= 5, "
                 f"got {self}"
             )
 
@@ -58,8 +63,9 @@ def write_rgl(
     that power iteration finds (Dupuy and Jakob 2018, section 4). The density of visible normals
     follows from D, and the colour tables hold f_r · cos · 4 σ / D at the directions that their
     nodes sample, so the file gives f_r exactly there; where a node's light direction is below
-    the horizon they hold 0. An isotropic reflectance needs one azimuth; one that repeats after
-    half a turn, or is mirror symmetric in x and y as well, half or a quarter of them.
+    the horizon they hold 0. An isotropic reflectance needs one azimuth, one that is mirror
+    symmetric in x and in y half a turn of them. (A quarter would do, but its tables join with a
+    visible seam.)
 
     Args:
         path: the file, ending in ``.bsdf`` by custom.
@@ -97,29 +103,26 @@ def write_rgl(
     )
 
 
-def symmetry_of(reflectance: Reflectance) -> int:
-    """Return 4 for mirror symmetry in x and in y, 2 for repetition after half a turn, else 1."""
+def is_mirror_symmetric(reflectance: Reflectance) -> bool:
+    """Return whether mirroring both directions in x, and in y, changes nothing (200 pairs)."""
     rng = np.random.default_rng(2)
     wi, wv = (
         to_vector(rng.uniform(0.0, 1.4, 200), rng.uniform(0.0, 2.0 * np.pi, 200)) for _ in range(2)
     )
     reference = evaluate(reflectance, wi, wv)
-
-    def keeps(sign: tuple[int, int, int]) -> bool:
-        return np.allclose(evaluate(reflectance, wi * sign, wv * sign), reference, rtol=1e-6)
-
-    if keeps((-1, 1, 1)) and keeps((1, -1, 1)):
-        return 4
-    return 2 if keeps((-1, -1, 1)) else 1
+    return all(
+        np.allclose(evaluate(reflectance, wi * sign, wv * sign), reference, rtol=1e-6, atol=1e-12)
+        for sign in ((-1, 1, 1), (1, -1, 1))
+    )
 
 
 def _azimuths(reflectance: Reflectance, resolution: RglResolution) -> tuple[np.ndarray, int]:
     """Return the azimuths of the tables, and the rows of the normals' table over phi."""
     if is_isotropic(reflectance):
         return np.zeros(1), 2
-    fold = symmetry_of(reflectance)
-    end = -np.pi + 2.0 * np.pi / fold
-    return np.linspace(-np.pi, end, resolution.phi // fold + 1), resolution.warp
+    if is_mirror_symmetric(reflectance):
+        return np.linspace(-np.pi, 0.0, resolution.phi // 2 + 1), resolution.warp
+    return np.linspace(-np.pi, np.pi, resolution.phi + 1), resolution.warp
 
 
 def _unit_grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:

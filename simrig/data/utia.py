@@ -149,7 +149,9 @@ def _table(
     matrix = without_negative(matrix, clamp_negative)
     check_values(matrix, f"'{path}'")
     if encoding == "srgb":
-        matrix = np.where(matrix <= 0.04045, matrix / 12.92, ((matrix + 0.055) / 1.055) ** 2.4)
+        from simrig.data.images import decode_srgb
+
+        matrix = decode_srgb(matrix)
     n_theta, n_phi = layout.n_theta, layout.n_phi
     values = (factor * matrix).reshape(n_theta, n_phi, n_theta, n_phi, 3).transpose(0, 2, 1, 3, 4)
     step = np.radians(layout.theta_step_deg)
@@ -171,7 +173,7 @@ def _layout_of(table: DenseTable) -> UtiaLayout:
             f"the table has {n_phi_i} and {n_phi_v} azimuths up to "
             f"{np.degrees(table.theta_max):g}°: resample it with resample_dense"
         )
-    return UtiaLayout(n_theta, n_phi_i, float(np.degrees(table.theta_step)))
+    return UtiaLayout(n_theta, n_phi_i, round(float(np.degrees(table.theta_step)), 9))
 
 
 def _read_picture(path: Path, count: int) -> np.ndarray:
@@ -181,7 +183,7 @@ def _read_picture(path: Path, count: int) -> np.ndarray:
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             low, high = file.header()["dataWindow"]
-            names = set(file.channels())
+            names = {channel.name for channel in file.header()["channels"]}
     except Exception as error:  # the binding raises bare exceptions of several types
         raise SimrigError(f"'{path}' is not a readable OpenEXR file") from error
     width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
@@ -189,7 +191,7 @@ def _read_picture(path: Path, count: int) -> np.ndarray:
         raise SimrigError(
             f"'{path}' is a picture of {width}×{height} pixels; the UTIA layout has {count}×{count}"
         )
-    if not {"R", "G", "B"} <= names and not {"RGB", "RGBA"} & names:
+    if not {"R", "G", "B"} <= names:
         raise SimrigError(f"'{path}' needs the channels R, G, B, it has {', '.join(sorted(names))}")
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
