@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from simrig.cli.app import app
 from simrig.data.images import read_image
-from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
+from simrig.data.load import FORMATS, MATERIALS
 from simrig.rigs.measurement import Measurement
 from simrig.scenes import SCENES
 
@@ -54,7 +54,7 @@ def refusal(*arguments: str) -> str:
 def test_materials_lists_materials_and_scenes() -> None:
     listed = done("materials")
     names = [material["name"] for material in listed["materials"]]
-    assert names == [*KURT_MATERIALS, *RESCALED_MATERIALS]
+    assert names == list(MATERIALS)
     assert [scene["name"] for scene in listed["scenes"]] == list(SCENES)
     for material in listed["materials"]:
         assert all(0.0 <= value < 1.0 for value in material["albedo"]["0"])
@@ -116,7 +116,10 @@ def test_the_side_of_the_light_and_an_environment(shared_data) -> None:
 
 
 def test_convert_writes_what_can_be_read_again() -> None:
-    done("convert", "wood01", "wood.bsdf")
+    assert [f["name"] for f in done("convert")["formats"]] == list(FORMATS)
+    written = done("convert", "wood01", "wood.bsdf")
+    assert written["format"] == "rgl"
+    assert 0.0 < written["error"]["weighted_relative"] < 1.0
     assert done("materials", "wood.bsdf")["parameters"]
     done("compare", "wood01", "wood.bsdf", "--step", "15", "--theta-max", "75")
 
@@ -159,6 +162,7 @@ def test_stability_sums_up_its_rows() -> None:
         (["compare", "wood01", "wood01", "--difference", "d.png"], "pictures"),
         (["convert", "wood01", "wood.xyz"], "wood.xyz"),
         (["convert", "wood01", "wood.bsdf", "--format", "rgll"], "rgl"),
+        (["convert", "wood01"], "name the file to write"),
         (["run", "nothing.toml"], "there is no file"),
         (["demo", "--material", "yelow_satin"], "did you mean 'yellow_satin'"),
         (["study", "run", "table-5-4"], "table-5-3"),

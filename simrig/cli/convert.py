@@ -9,6 +9,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
+from simrig.errors import SimrigError
 
 
 def register(app: typer.Typer) -> None:
@@ -17,24 +18,62 @@ def register(app: typer.Typer) -> None:
 
 
 def convert(
-    material: Annotated[str, typer.Argument(help="A built-in material or a material file.")],
-    output: Annotated[Path, typer.Argument(help="The file to write.")],
-    format: Annotated[
-        str | None, typer.Option(help="rgl, merl, utia, utia-exr or h5; by the ending else.")
+    material: Annotated[
+        str | None, typer.Argument(help="A built-in material or a material file.")
     ] = None,
+    output: Annotated[Path | None, typer.Argument(help="The file to write.")] = None,
+    format: Annotated[
+        str | None, typer.Option(help="One of the formats; by the ending of the output else.")
+    ] = None,
+    clamp_negative: Annotated[
+        bool, typer.Option("--clamp-negative", help="Set negative measured values to 0.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
 ) -> frame.Report:
-    """Write a material in another format, for example for Mitsuba's own 'measured' plugin.
+    """Write a material in another format, and say how well it survived; lists the formats alone.
 
     What is read is told apart by its content, not by its name.
     """
+    from dataclasses import asdict
+
     from simrig.data.load import load_material, save_material
 
+    if material is None:
+        return _formats()
+    if output is None:
+        raise SimrigError("name the file to write: simrig convert MATERIAL OUTPUT")
     with output_file(output, force):
-        reflectance = load_material(material)
-        save_material(reflectance, output, format)
-    size = output.stat().st_size
+        reflectance = load_material(material, clamp_negative)
+        saved = save_material(output, reflectance, format)
     return frame.Report(
-        data={"material": reflectance.name, "output": output, "bytes": size},
-        shown=[f"{output}: {reflectance.name}, {size:,} bytes"],
+        data={
+            "material": reflectance.name,
+            "output": output,
+            "format": saved.format,
+            "bytes": saved.bytes,
+            "error": asdict(saved.error),
+        },
+        shown=[
+            f"{output}: {reflectance.name} as {saved.format}, {saved.bytes:,} bytes",
+            f"read again: {saved.error}",
+        ],
     )
+
+
+def _formats() -> frame.Report:
+    from dataclasses import asdict
+
+    from simrig.data.load import FORMATS
+
+    rows = [
+        (f.name, " ".join(f.suffixes), _yes(f.reads), _yes(f.writes), f.description)
+        for f in FORMATS.values()
+    ]
+    return frame.Report(
+        data={"formats": [asdict(f) for f in FORMATS.values()]},
+        shown=[frame.table(("format", "endings", "read", "written", "what it is"), rows)],
+    )
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"

@@ -12,9 +12,7 @@ from simrig.cli import frame
 if TYPE_CHECKING:
     from simrig.reflectance import Reflectance
 
-_PRINTED = "thesis Table D.1, as printed"
-_INFERRED = "thesis Table D.1, second lobe rescaled (inferred, not published)"
-_ALBEDO_VIEWS_DEG = (0.0, 60.0)
+_ALBEDO_VIEWS_DEG = (0.0, 60.0)  # of one material; lists show the first
 _SHOWN_NUMBERS = 12  # parameters with more values are tables, shown by their shape
 
 
@@ -40,11 +38,12 @@ def materials(
 
 
 def _all() -> frame.Report:
-    from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
+    from simrig.data.load import MATERIALS, load_material
     from simrig.scenes import SCENES
 
-    known = [_summary(kurt_material(n), _PRINTED) for n in KURT_MATERIALS]
-    known += [_summary(kurt_material(n), _INFERRED) for n in RESCALED_MATERIALS]
+    known = [
+        _summary(load_material(name), _origin(name), _ALBEDO_VIEWS_DEG[:1]) for name in MATERIALS
+    ]
     scenes = [{"name": name, "description": SCENES[name].description} for name in SCENES]
     rows = [
         (m["name"], m["model"], m["origin"], m["theta_max_deg"], _triple(m["albedo"]["0"]))
@@ -56,25 +55,32 @@ def _all() -> frame.Report:
         shown=[
             frame.table(columns, rows),
             frame.table(("scene", "what it shows"), [tuple(s.values()) for s in scenes]),
-            "Any material file also works: MERL, UTIA, RGL, HDF5 (see 'simrig convert --help').",
+            "Any material file works as well; 'simrig convert' lists the formats.",
         ],
     )
 
 
 def _material(name: str) -> frame.Report:
     from simrig.data.load import load_material
-    from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
 
-    origin = _PRINTED if name in KURT_MATERIALS else f"file {name}"
-    if name in RESCALED_MATERIALS:
-        origin = _INFERRED
     reflectance = load_material(name)
-    about = _summary(reflectance, origin)
+    about = _summary(reflectance, _origin(name), _ALBEDO_VIEWS_DEG)
     about["parameters"] = {key: _parameter(value) for key, value in reflectance.data().items()}
     rows = [(key, about[key]) for key in ("name", "model", "origin", "theta_max_deg", "reciprocal")]
     rows += [(f"albedo at {view}°", _triple(rgb)) for view, rgb in about["albedo"].items()]
     rows += list(about["parameters"].items())
     return frame.Report(data=about, shown=[frame.table(("property", "value"), rows)])
+
+
+def _origin(name: str) -> str:
+    from simrig.data.load import MATERIALS, file_format
+    from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
+
+    if name in KURT_MATERIALS:
+        return "thesis Table D.1, as printed"
+    if name in RESCALED_MATERIALS:
+        return "thesis Table D.1, second lobe rescaled (inferred, not published)"
+    return "model with its default parameters" if name in MATERIALS else f"{file_format(name)} file"
 
 
 def _scene(name: str) -> frame.Report:
@@ -91,7 +97,7 @@ def _scene(name: str) -> frame.Report:
     )
 
 
-def _summary(reflectance: Reflectance, origin: str) -> dict[str, Any]:
+def _summary(reflectance: Reflectance, origin: str, views_deg: tuple[float, ...]) -> dict[str, Any]:
     """Return what one line of the list says, angles in degrees, albedo in linear RGB."""
     import numpy as np
 
@@ -99,7 +105,7 @@ def _summary(reflectance: Reflectance, origin: str) -> dict[str, Any]:
 
     albedo = {
         f"{view:g}": directional_albedo(reflectance, np.radians(view)).tolist()
-        for view in _ALBEDO_VIEWS_DEG
+        for view in views_deg
     }
     return {
         "name": reflectance.name,

@@ -139,8 +139,7 @@ def reconstruct(
         start = perf_counter()
         reflectance = from_slices(measured, str(interpolation))
         seconds = perf_counter() - start
-        save_material(reflectance, output, format)
-    size = output.stat().st_size
+        saved = save_material(output, reflectance, format)
     return frame.Report(
         data={
             "output": output,
@@ -148,10 +147,11 @@ def reconstruct(
             "samples": measured.cost.samples,
             "interpolation": str(interpolation),
             "compute_seconds": seconds,
-            "bytes": size,
+            "format": saved.format,
+            "bytes": saved.bytes,
         },
         shown=[
-            f"{output}: {reflectance.name} from {measured.cost.samples} samples in "
-            f"{seconds:.2f} s, {size:,} bytes"
+            f"{output}: {reflectance.name}, {saved.format} format, in {seconds:.2f} s, "
+            f"{saved.bytes:,} bytes"
         ],
     )
