@@ -1,1 +1,17 @@
-"""Benchmarks: ratios measured side by side in one process; never a timed test."""
+"""Benchmarks: ratios measured side by side in one process; never a timed test.
+
+A benchmark is a module with ``run(progress) -> dict`` and ``table(results)``.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from simrig.evaluation.benchmarks import plugins, reconstruct, sampling, storage
+
+BENCHMARKS: dict[str, ModuleType] = {
+    "plugins": plugins,
+    "reconstruct": reconstruct,
+    "sampling": sampling,
+    "storage": storage,
+}

@@ -1,0 +1,210 @@
+"""Rendering rate of our plugins beside Mitsuba's measured, principled and roughconductor.
+
+Scenes: the sphere and the four spheres, 800 × 800 pixels, 16 samples per pixel, with Mitsuba's
+``direct`` and ``path``. All materials render in turn in one process; the first call (with
+compilation) and the median of the later ones are reported apart. ``measured`` reads an RGL file
+of the same material, written by simrig. Beside each rate stands what accuracy it buys: the mean
+CIE ΔE to the analytic material, where the plugin renders the same material, and the bytes of its
+data.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig import backend
+from simrig.data.rgl_writer import write_rgl
+from simrig.errors import SimrigError
+from simrig.evaluation.benchmarks.timing import side_by_side, text_table
+from simrig.evaluation.metrics import delta_e_map
+from simrig.evaluation.rendering import display_exposure, load
+from simrig.plugins import make_bsdf
+from simrig.reconstruction.slices import reconstruct
+from simrig.reflectance import Reflectance, kurt_material
+from simrig.reflectance.resample import resample_dense
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.sampling.placement import optimal_placement
+from simrig.scenes import build_scene
+
+MATERIAL = "fabric112"
+SAMPLES = 8911
+SCENES = {"sphere": {}, "four_spheres": {"columns": 2}}
+INTEGRATORS = ("direct", "path")
+SAME_MATERIAL = ("simrig_kurt", "simrig_table", "simrig_slices", "measured")
+
+
+def run(
+    progress: Callable[..., None] | None = None,
+    resolution: int = 800,
+    spp: int = 16,
+    rounds: int = 5,
+    variant: str = "auto",
+) -> dict[str, Any]:
+    """Run the benchmark.
+
+    Args:
+        progress: called with steps done and in total.
+        resolution: width and height of the pictures in pixels.
+        spp: samples per pixel.
+        rounds: timed renders of each material after the first one.
+        variant: Mitsuba variant.
+
+    Returns:
+        ``rows``, one per scene, integrator and material, with ``samples_per_second``, its ratio
+        to the three built-in plugins, ``first_seconds``, ``median_seconds``, ``delta_e`` and
+        ``bytes``.
+    """
+    variant = backend.select(variant)
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        materials, sizes = _materials(Path(folder))
+        combinations = [(s, i) for s in SCENES for i in INTEGRATORS]
+        for number, (scene, integrator) in enumerate(combinations):
+            label = f"{scene}, {integrator}"
+            advance = _shifted(progress, number, len(combinations), label)
+            rows += _cell(scene, integrator, materials, sizes, resolution, spp, rounds, advance)
+    return {
+        "benchmark": "plugins",
+        "variant": variant,
+        "material": MATERIAL,
+        "resolution": resolution,
+        "spp": spp,
+        "rounds": rounds,
+        "rows": rows,
+    }
+
+
+def _materials(folder: Path) -> tuple[dict[str, Callable[[], Any]], dict[str, int]]:
+    """Return functions that make each material, and the bytes of their data."""
+    truth = kurt_material(MATERIAL)
+    measurement = Gonioreflectometer().measure(truth, optimal_placement(SAMPLES), SAMPLES)
+    slices = reconstruct(measurement)
+    table = resample_dense(truth, np.radians(7.5), 48, np.radians(82.5))
+    rgl = folder / "material.bsdf"
+    sizes = {
+        "measured": write_rgl(rgl, truth),
+        "simrig_table": _device_bytes(table),
+        "simrig_slices": _device_bytes(slices),
+        "simrig_kurt": 0,
+        "principled": 0,
+        "roughconductor": 0,
+    }
+    grey = {"type": "rgb", "value": [0.3, 0.25, 0.2]}
+    return {
+        "principled": lambda: {"type": "principled", "base_color": grey, "roughness": 0.3},
+        "roughconductor": lambda: {"type": "roughconductor", "alpha_u": 0.2, "alpha_v": 0.5},
+        "measured": lambda: {"type": "measured", "filename": str(rgl)},
+        "simrig_kurt": lambda: make_bsdf(truth),
+        "simrig_table": lambda: make_bsdf(table),
+        "simrig_slices": lambda: make_bsdf(slices),
+    }, sizes
+
+
+def _device_bytes(reflectance: Reflectance) -> int:
+    """Return the bytes of the look-up layout that rendering reads."""
+    import drjit as dr
+    import mitsuba as mi
+
+    data = reflectance.prepare(reflectance.on(mi.Float), differentiable=False)
+    return sum(dr.width(v) * np.dtype(np.array(v).dtype).itemsize for v in data.values())
+
+
+def _cell(
+    scene_name: str,
+    integrator_name: str,
+    materials: dict[str, Callable[[], Any]],
+    sizes: dict[str, int],
+    resolution: int,
+    spp: int,
+    rounds: int,
+    progress: Callable[..., None] | None,
+) -> list[dict[str, Any]]:
+    import mitsuba as mi
+
+    integrator = mi.load_dict({"type": integrator_name})
+    pictures: dict[str, Any] = {}
+
+    def job(name: str, scene: Any) -> Callable[[], None]:
+        def once() -> None:
+            pictures[name] = mi.render(scene, integrator=integrator, spp=spp, seed=1)
+            mi.TensorXf(pictures[name]).array.numpy()
+
+        return once
+
+    jobs = {}
+    for name, make in materials.items():
+        description = build_scene(scene_name, make(), resolution=resolution, **SCENES[scene_name])
+        jobs[name] = job(name, load(description))
+    timings = side_by_side(jobs, rounds, progress)
+    images = {name: np.maximum(np.array(p)[..., :3], 0.0) for name, p in pictures.items()}
+    height, width = images["principled"].shape[:2]
+    samples = height * width * spp
+    reference = images["simrig_kurt"]
+    exposure = display_exposure(reference)
+    rows = []
+    for name, timing in timings.items():
+        delta_e = None
+        if name in SAME_MATERIAL:
+            delta_e = float(delta_e_map(reference, images[name], exposure=exposure).mean())
+        rows.append(
+            {
+                "scene": scene_name,
+                "integrator": integrator_name,
+                "material": name,
+                "samples_per_second": samples / timing.median,
+                "first_seconds": timing.first,
+                "median_seconds": timing.median,
+                "fastest_seconds": timing.fastest,
+                "slowest_seconds": timing.slowest,
+                "delta_e": delta_e,
+                "bytes": sizes[name],
+                **{
+                    f"ratio_to_{other}": timings[other].median / timing.median
+                    for other in ("principled", "roughconductor", "measured")
+                },
+            }
+        )
+    return rows
+
+
+def _shifted(
+    progress: Callable[..., None] | None, number: int, count: int, label: str
+) -> Callable[..., None] | None:
+    if progress is None:
+        return None
+    return lambda done, total, stage="": progress(number + done / total, count, f"{label}: {stage}")
+
+
+def table(results: dict[str, Any]) -> Any:
+    """Return the results as a table for the terminal."""
+    if not results.get("rows"):
+        raise SimrigError("these results hold no rows of the benchmark 'plugins'")
+    columns = ["scene, integrator", "material", "M samples/s", "÷ principled", "÷ roughconductor"]
+    columns += ["÷ measured", "first [s]", "median [s] (range)", "ΔE", "MiB"]
+    rows = []
+    for row in results["rows"]:
+        rows.append(
+            [
+                f"{row['scene']}, {row['integrator']}",
+                row["material"],
+                f"{row['samples_per_second'] / 1e6:.1f}",
+                f"{row['ratio_to_principled']:.2f}",
+                f"{row['ratio_to_roughconductor']:.2f}",
+                f"{row['ratio_to_measured']:.2f}",
+                f"{row['first_seconds']:.2f}",
+                f"{row['median_seconds']:.3f} "
+                f"({row['fastest_seconds']:.3f}–{row['slowest_seconds']:.3f})",
+                "–" if row["delta_e"] is None else f"{row['delta_e']:.2f}",
+                f"{row['bytes'] / 2**20:.1f}" if row["bytes"] else "–",
+            ]
+        )
+    title = (
+        f"Rendering rate, {results['variant']}, {results['resolution']}² pixels, "
+        f"{results['spp']} spp, median of {results['rounds']}; ΔE to the analytic material"
+    )
+    return text_table(title, columns, rows)

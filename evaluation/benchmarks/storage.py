@@ -1,0 +1,84 @@
+"""Bytes on the device for slices, beside thesis Table D.3, with the error they buy.
+
+``stored`` is the layout of appendix D.4 in float32 RGB; ``look-up`` is what rendering reads (the
+elevation surfaces folded into one table, colours packed in 64 bits); ``differentiable`` is the
+same in float32.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from simrig import backend
+from simrig.evaluation.benchmarks.timing import text_table
+from simrig.evaluation.mre import mre_exact
+from simrig.reconstruction.slices import reconstruct
+from simrig.reflectance import kurt_material
+from simrig.reflectance.grid import to_dense
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.sampling.placement import SlicePlacement
+
+MATERIAL = "fabric112"
+# samples: (elevation step, azimuth step, published MB); thesis Table D.3
+LAYOUTS = {8911: (14.0, 36.0, 3.3), 18721: (10.0, 36.0, 5.1)}
+
+
+def run(progress: Callable[..., None] | None = None) -> dict[str, Any]:
+    """Run the benchmark.
+
+    Returns:
+        ``rows`` with ``samples``, ``published_megabytes``, ``stored_bytes``, ``lookup_bytes``,
+        ``differentiable_bytes``, ``mre_percent`` and ``hardware_hours``.
+    """
+    types = backend.types("float32")
+    truth = kurt_material(MATERIAL)
+    rows = []
+    for done, (samples, (e_s, a_s, published)) in enumerate(LAYOUTS.items()):
+        if progress is not None:
+            progress(done, len(LAYOUTS))
+        placement = SlicePlacement.from_degrees(e_s, a_s)
+        measurement = Gonioreflectometer().measure(truth, placement, samples)
+        slices = reconstruct(measurement)
+        sizes = {}
+        for key, differentiable in (("lookup", False), ("differentiable", True)):
+            prepared = slices.prepare(slices.on(types.Float), differentiable)
+            sizes[f"{key}_bytes"] = sum(map(_bytes, prepared.values()))
+        rows.append(
+            {
+                "samples": samples,
+                "placement": placement.describe(),
+                "published_megabytes": published,
+                "stored_bytes": slices.stored_bytes,
+                **sizes,
+                "mre_percent": mre_exact(truth, to_dense(slices)).percent,
+                "hardware_hours": measurement.cost.hardware_hours,
+            }
+        )
+    if progress is not None:
+        progress(len(LAYOUTS), len(LAYOUTS))
+    return {"benchmark": "storage", "material": MATERIAL, "rows": rows}
+
+
+def _bytes(array: Any) -> int:
+    return dr.width(array) * np.dtype(np.array(array).dtype).itemsize
+
+
+def table(results: dict[str, Any]) -> Any:
+    """Return the results as a table for the terminal."""
+    rows = [
+        [
+            f"{row['samples']:,} ({row['placement']})",
+            f"{row['published_megabytes']:.1f}",
+            *(f"{row[f'{k}_bytes'] / 2**20:.2f}" for k in ("stored", "lookup", "differentiable")),
+            f"{row['mre_percent']:.2f}",
+            f"{row['hardware_hours']:.0f}",
+        ]
+        for row in results["rows"]
+    ]
+    columns = ["samples", "Table D.3 [MB]", "stored [MiB]", "look-up [MiB]"]
+    columns += ["differentiable [MiB]", "MRE [%]", "hardware [h]"]
+    return text_table(f"Storage of slices, {results['material']}", columns, rows)

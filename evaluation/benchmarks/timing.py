@@ -1,0 +1,73 @@
+"""Timing side by side: first call and steady state apart, rounds interleaved, medians."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds of one job.
+
+    Attributes:
+        first: the first call, with tracing and compilation (from the kernel cache on disk where
+            an earlier process left it there).
+        median: median of the later calls.
+        fastest, slowest: their range.
+        rounds: how many later calls.
+    """
+
+    first: float
+    median: float
+    fastest: float
+    slowest: float
+    rounds: int
+
+
+def side_by_side(
+    jobs: Mapping[str, Callable[[], Any]],
+    rounds: int = 5,
+    progress: Callable[..., None] | None = None,
+) -> dict[str, Timing]:
+    """Time jobs in turn, A B C A B C ..., so that a drifting machine slows all alike.
+
+    Args:
+        jobs: functions without arguments, by name; Dr.Jit results must be evaluated inside.
+        rounds: calls of each after the first one.
+        progress: called with jobs done and in total.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    total = (rounds + 1) * len(jobs)
+    for turn in range(rounds + 1):
+        for number, (name, job) in enumerate(jobs.items()):
+            if progress is not None:
+                progress(turn * len(jobs) + number, total, name)
+            dr.sync_thread()
+            start = time.perf_counter()
+            job()
+            dr.sync_thread()
+            seconds[name].append(time.perf_counter() - start)
+    if progress is not None:
+        progress(total, total)
+    return {
+        name: Timing(s[0], float(np.median(s[1:])), min(s[1:]), max(s[1:]), rounds)
+        for name, s in seconds.items()
+    }
+
+
+def text_table(title: str, columns: list[str], rows: list[list[str]]) -> Any:
+    """Return a table for the terminal, the first column left-aligned."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
