@@ -49,6 +49,10 @@ class SliceLayout:
     one_pole: bool = True
 
     def __post_init__(self) -> None:
+        steps = (self.elevation_step, self.azimuth_step, self.theta_max)
+        sound = min(steps) > 0.0 and self.theta_max < np.pi / 2 and self.azimuth_step <= np.pi
+        if not sound or self.theta_max > 1e4 * self.elevation_step or self.azimuth_step < 1e-3:
+            raise SimrigError(f"impossible steps of a slice table (radians): {steps}")
         if self.azimuth_samples < 4 or self.node_count < 2:
             raise SimrigError("a slice table needs at least 4 azimuth and 2 elevation samples")
         if not self.regular_nodes and (self.node_count - 1) % (self.elevation_count - 1):

@@ -9,23 +9,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
-import simrig
 from simrig.cost import Cost
-from simrig.data.files import atomic_write, existing_file
+from simrig.data import hdf5
 from simrig.errors import SimrigError
 from simrig.reflectance.protocol import Reflectance
 from simrig.sampling.adaptive import AdaptiveSamples, Knots
 from simrig.sampling.placement import SLICE_TYPES, SlicePlacement, build_slices
 
-FORMAT_VERSION = 1
-_MEASUREMENT, _CHECKPOINT = "simrig measurement", "simrig unfinished measurement"
-_CONVENTIONS = (
-    "angles in radians, theta from the normal, phi from x towards y; both directions point away "
-    "from the surface; values are f_r in 1/sr, linear RGB with sRGB primaries"
-)
+_MEASUREMENT, _CHECKPOINT = "measurement", "unfinished measurement"
 
 
 @dataclass(frozen=True)
@@ -80,20 +73,15 @@ class Measurement:
             SimrigError: when the folder does not exist or cannot be written.
         """
         knots = self.samples.knots
-        arrays = {
-            "angles": self.samples.angles,
-            "values": self.samples.values,
-            "knot_first": knots.first,
-            "knot_position": knots.position,
-            "knot_sample": knots.sample,
-        }
-        attributes = {
-            **_placement_attributes(self.placement, self.slice_types),
-            "material": self.material,
-            "cost": json.dumps(self.cost.as_dict()),
-            "provenance": json.dumps(dict(self.provenance)),
-        }
-        _write(path, _MEASUREMENT, attributes, arrays)
+        with hdf5.create(path, _MEASUREMENT, self.provenance) as file:
+            placement = _placement_attributes(self.placement, self.slice_types)
+            file.attrs.update(placement | {"material": self.material})
+            file.attrs["cost"] = json.dumps(self.cost.as_dict())
+            hdf5.write_array(file, "angles", self.samples.angles, "radian")
+            hdf5.write_array(file, "values", self.samples.values, "1/sr")
+            hdf5.write_array(file, "knot_first", knots.first)
+            hdf5.write_array(file, "knot_position", knots.position, "radian")
+            hdf5.write_array(file, "knot_sample", knots.sample)
 
     @classmethod
     def load(cls, path: str | Path) -> Measurement:
@@ -102,29 +90,31 @@ class Measurement:
         Raises:
             SimrigError: not a measurement, of a later version, truncated, or inconsistent.
         """
-        attributes, arrays = _read(path, _MEASUREMENT)
-        try:
-            placement = SlicePlacement(
-                *(float(attributes[key]) for key in ("elevation_step", "azimuth_step", "theta_max"))
-            )
-            slices = build_slices(placement, str(attributes["slice_types"]))
+        with hdf5.open_checked(path, _MEASUREMENT) as file:
+            steps = (float(file.attrs[k]) for k in ("elevation_step", "azimuth_step", "theta_max"))
+            placement, slice_types = SlicePlacement(*steps), str(file.attrs["slice_types"])
+            slices = build_slices(placement, slice_types)
             knots = Knots(
-                first=arrays["knot_first"],
+                first=hdf5.read_array(file, "knot_first", (len(slices.ends) + 1,)),
                 ends=slices.ends,
                 length=slices.length,
-                position=arrays["knot_position"],
-                sample=arrays["knot_sample"],
+                position=hdf5.read_array(file, "knot_position", (None,)),
+                sample=hdf5.read_array(file, "knot_sample", (None,)),
             )
+            angles = hdf5.read_array(file, "angles", (None, 4))
+            values = hdf5.read_array(file, "values", (None, 3))
+            try:
+                cost = Cost(**json.loads(file.attrs["cost"]))
+            except (json.JSONDecodeError, TypeError) as error:
+                raise SimrigError(f"'{path}' is damaged: its cost is malformed") from error
             measurement = cls(
-                AdaptiveSamples(arrays["angles"], arrays["values"], knots),
+                AdaptiveSamples(angles, values, knots),
                 placement,
-                str(attributes["slice_types"]),
-                str(attributes["material"]),
-                Cost(**json.loads(attributes["cost"])),
-                json.loads(attributes["provenance"]),
+                slice_types,
+                str(file.attrs["material"]),
+                cost,
+                hdf5.provenance_of(file),
             )
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
-            raise SimrigError(f"'{path}' is damaged: {error} is missing or malformed") from error
         _check(measurement, path)
         return measurement
 
@@ -134,9 +124,7 @@ def _check(measurement: Measurement, path: str | Path) -> None:
     samples, knots = measurement.samples, measurement.samples.knots
     count = len(samples.values)
     shapes_fit = (
-        samples.values.shape == (count, 3)
-        and samples.angles.shape == (count, 4)
-        and knots.first.shape == (len(knots.ends) + 1,)
+        len(samples.angles) == count
         and knots.position.shape == knots.sample.shape == (int(knots.first[-1]),)
         and knots.first[0] == 0
         and bool(np.all(np.diff(knots.first) > 0))
@@ -170,13 +158,14 @@ class ReplayLog:
         self._angles, self._values = np.empty((0, 4)), np.empty((0, 3))
         self._position = 0
         if path is not None and path.exists():
-            attributes, arrays = _read(path, _CHECKPOINT)
-            if attributes.get("setting") != self._setting:
-                raise SimrigError(
-                    f"the checkpoint '{path}' belongs to another measurement: delete it or choose "
-                    "another output"
-                )
-            self._angles, self._values = arrays["angles"], arrays["values"]
+            with hdf5.open_checked(path, _CHECKPOINT) as file:
+                if file.attrs.get("setting") != self._setting:
+                    raise SimrigError(
+                        f"the checkpoint '{path}' belongs to another measurement: delete it or "
+                        "choose another output"
+                    )
+                self._angles = hdf5.read_array(file, "angles", (None, 4))
+                self._values = hdf5.read_array(file, "values", (len(self._angles), 3))
 
     def __len__(self) -> int:
         return len(self._values)
@@ -209,8 +198,10 @@ class ReplayLog:
     def save(self) -> None:
         """Write the log, so that nothing measured is lost when the process is killed."""
         if self._path is not None:
-            arrays = {"angles": self._angles, "values": self._values}
-            _write(self._path, _CHECKPOINT, {"setting": self._setting}, arrays)
+            with hdf5.create(self._path, _CHECKPOINT) as file:
+                file.attrs["setting"] = self._setting
+                hdf5.write_array(file, "angles", self._angles, "radian")
+                hdf5.write_array(file, "values", self._values, "1/sr")
 
     def remove(self) -> None:
         """Delete the checkpoint once the measurement is complete."""
@@ -236,41 +227,3 @@ def _placement_attributes(placement: SlicePlacement, slice_types: str) -> dict[s
         "theta_max": placement.theta_max,
         "slice_types": slice_types,
     }
-
-
-def _write(
-    path: str | Path, content: str, attributes: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
-) -> None:
-    with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["content"] = content
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["simrig_version"] = simrig.__version__
-        file.attrs["conventions"] = _CONVENTIONS
-        for key, value in attributes.items():
-            file.attrs[key] = value
-        for key, array in arrays.items():
-            file.create_dataset(key, data=array)
-
-
-_LARGEST_SAMPLES = 100_000_000  # refuse absurd sizes before memory is taken
-
-
-def _read(path: str | Path, content: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    existing_file(path)
-    try:
-        with h5py.File(path, "r") as file:
-            found = file.attrs.get("content")
-            if found != content:
-                what = f"a '{found}'" if found else "no file of simrig"
-                raise SimrigError(f"'{path}' is {what}, a '{content}' was expected")
-            version = int(file.attrs.get("format_version", 0))
-            if version > FORMAT_VERSION:
-                raise SimrigError(
-                    f"'{path}' has format version {version}, this simrig reads up to "
-                    f"{FORMAT_VERSION}: update simrig"
-                )
-            if any(np.prod(item.shape) > 4 * _LARGEST_SAMPLES for item in file.values()):
-                raise SimrigError(f"'{path}' claims more than {_LARGEST_SAMPLES} samples")
-            return dict(file.attrs), {key: item[()] for key, item in file.items()}
-    except (OSError, KeyError, RuntimeError) as error:
-        raise SimrigError(f"'{path}' cannot be read as HDF5 (truncated or damaged)") from error

@@ -49,6 +49,8 @@ TABLE_5_1: tuple[tuple[float, float, float], ...] = (
     (np.inf, 6, 12),
 )
 
+_MOST_ELEVATIONS, _MOST_INTERSECTIONS = 1000, 20_000_000  # a few gigabytes of index arrays
+
 
 @dataclass(frozen=True)
 class SlicePlacement:
@@ -79,6 +81,11 @@ class SlicePlacement:
         if not np.isfinite(count) or round(count) < 2 or abs(count - round(count)) > 1e-6:
             raise SimrigError(
                 f"the azimuth step must divide 360 degrees into at least 2 parts, got {a_s:g}"
+            )
+        if top / e_s > _MOST_ELEVATIONS or self.intersections > _MOST_INTERSECTIONS:
+            raise SimrigError(
+                f"steps of {e_s:g} and {a_s:g} degrees give more than {_MOST_INTERSECTIONS:,} "
+                "intersections: use larger steps"
             )
 
     @classmethod
