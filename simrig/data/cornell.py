@@ -50,7 +50,8 @@ def read_cornell(path: str | Path, clamp_negative: bool = False) -> ScatteredSam
             "clamp_negative=True to set them to 0"
         )
     values = np.maximum(spectra, 0.0) @ rgb_weights(wavelengths)
-    return ScatteredSamples(*table[:, :4].T, values, name=path.stem, isotropic=True)
+    theta_i, phi_i, theta_v, phi_v = table[:, :4].T
+    return ScatteredSamples(theta_i, phi_i, theta_v, phi_v, values, path.stem, isotropic=True)
 
 
 def load_cornell(path: str | Path, clamp_negative: bool = False) -> IsotropicTable:

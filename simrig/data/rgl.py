@@ -32,8 +32,8 @@ def read_rgl(path: str | Path) -> RglReflectance:
         )
     try:
         return RglReflectance(
-            np.ravel(fields["phi_i"]),
-            np.ravel(fields["theta_i"]),
+            np.ravel(fields["phi_i"]).tolist(),
+            np.ravel(fields["theta_i"]).tolist(),
             fields["ndf"],
             fields["sigma"],
             fields["vndf"],

@@ -40,7 +40,7 @@ class RglResolution:
 
     theta: int = 16
     phi: int = 24
-    warp: int = 97
+    warp: int = 65
     colour: int = 41
 
     def __post_init__(self) -> None:

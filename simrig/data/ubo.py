@@ -8,6 +8,7 @@ data do not hold: they are left as they are. Nothing is ever unpickled.
 from __future__ import annotations
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,7 @@ def _read_fields(path: Path) -> dict[str, np.ndarray]:
         raise SimrigError(f"'{path}' claims {sum(sizes.values())} bytes, too many for a material")
     try:
         return {name: _read_array(path, name, sizes[f"{name}.npy"]) for name in _FIELDS}
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zipfile.zlib.error) as error:
+    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
         raise SimrigError(f"'{path}' is damaged: {' '.join(str(error).split())}") from error
 
 

@@ -150,9 +150,14 @@ class Ward(Reflectance):
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> Ward:
         """Rebuild the model from ``structure()`` and ``data()``."""
-        colours = (tuple(data[key]) for key in ("k_d", "k_s"))
-        roughness = (float(data[key]) for key in ("m_x", "m_y"))
-        return cls(*colours, *roughness, str(structure["variant"]), name)
+        return cls(
+            tuple(data["k_d"].tolist()),
+            tuple(data["k_s"].tolist()),
+            float(data["m_x"]),
+            float(data["m_y"]),
+            str(structure["variant"]),
+            name,
+        )
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)

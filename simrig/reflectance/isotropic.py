@@ -42,6 +42,7 @@ class IsotropicTable(Reflectance):
 
     kind = "isotropic"
     reciprocal = True
+    invalid_bins: int = 0  # bins that a file marked as not measured, set by its reader
 
     def __init__(
         self,

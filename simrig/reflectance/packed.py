@@ -42,17 +42,17 @@ def pack_colours(values: Array, signed: bool = False) -> Array:
         bits = sign | (np.minimum(bits, np.uint32(largest)) + np.uint32(half))
         bits = (bits >> np.uint32(dropped)).astype(np.uint64)
         return (bits[:, 0] << np.uint64(42)) | (bits[:, 1] << np.uint64(21)) | bits[:, 2]
-    uint = dr.uint32_array_t(type(values))
-    wide = dr.uint64_array_t(type(values))
+    uint: Any = dr.uint32_array_t(type(values))
+    wide: Any = dr.uint64_array_t(type(values))
     triple = 3 * dr.arange(uint, dr.width(values) // 3)
     packed = wide(0)
     for channel in range(3):
         value = dr.gather(type(values), dr.detach(values), triple + channel)
-        bits = dr.reinterpret_array(uint, value)
-        bits = (bits & (0x80000000 if signed else 0)) | (
-            dr.minimum(bits & 0x7FFFFFFF, largest) + half
+        word: Any = dr.reinterpret_array(uint, value)
+        word = (word & (0x80000000 if signed else 0)) | (
+            dr.minimum(word & 0x7FFFFFFF, largest) + half
         )
-        packed = (packed << 21) | wide(bits >> dropped)
+        packed = (packed << 21) | wide(word >> dropped)
     return packed
 
 

@@ -120,7 +120,7 @@ def resample_dense(
     elevations = np.append(np.arange(n_theta - 1) * theta_step, theta_max)
     elevations = np.minimum(elevations, _HORIZON)
     phi = 2.0 * np.pi / n_phi * np.arange(n_phi)
-    values = np.empty((n_theta, n_theta, n_phi, n_phi, 3), dtype=dtype)
+    values: np.ndarray = np.empty((n_theta, n_theta, n_phi, n_phi, 3), dtype=dtype)
     directions = to_vector(elevations[:, None], phi[None, :])  # (n_theta, n_phi, 3)
     for row in range(n_theta):
         for column in range(n_theta):

@@ -110,9 +110,12 @@ class RglReflectance(Reflectance):
         return cls(
             list(structure["phi_nodes"]),
             list(structure["theta_nodes"]),
-            *(data[key] for key in ("ndf", "sigma", "vndf", "rgb")),
-            jacobian=bool(structure["jacobian"]),
-            name=name,
+            data["ndf"],
+            data["sigma"],
+            data["vndf"],
+            data["rgb"],
+            bool(structure["jacobian"]),
+            name,
         )
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -152,7 +152,7 @@ class IsotropicInterpolator:
         first = np.log(np.array([0.0, np.pi / 2]) + _SOFTEST)
         second = np.sqrt([np.cos(self.theta_max), 1.0])
         ends = (first, second, second)
-        axes = [np.linspace(*end, count) for end, count in zip(ends, _NODES, strict=True)]
+        axes = [np.linspace(end[0], end[1], n) for end, n in zip(ends, _NODES, strict=True)]
         row, column = np.tril_indices(_NODES[1])  # the larger cosine comes first
         pairs = np.stack((axes[1][row], axes[2][column]), axis=-1)
         points = np.concatenate(
@@ -224,8 +224,8 @@ def cross_validate(samples: ScatteredSamples, folds: int = 5, seed: int = 0) -> 
 
 
 def _subset(samples: ScatteredSamples, mask: np.ndarray) -> ScatteredSamples:
-    angles = (samples.theta_i, samples.phi_i, samples.theta_v, samples.phi_v, samples.values)
-    return ScatteredSamples(*(a[mask] for a in angles), samples.name, samples.isotropic)
+    names = ("theta_i", "phi_i", "theta_v", "phi_v", "values")
+    return replace(samples, **{name: getattr(samples, name)[mask] for name in names})
 
 
 def barycentric_weights(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
