@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from typer.testing import CliRunner, Result
 from simrig.cli.app import app
 from simrig.data.images import read_image
 from simrig.data.load import FORMATS, MATERIALS
+from simrig.evaluation import studies
 from simrig.rigs.measurement import Measurement
 from simrig.scenes import SCENES
 
@@ -124,6 +126,7 @@ def test_convert_writes_what_can_be_read_again() -> None:
     done("compare", "wood01", "wood.bsdf", "--step", "15", "--theta-max", "75")
 
 
+@pytest.mark.slow
 def test_stability_sums_up_its_rows() -> None:
     result = simrig("stability", "--json")
     found = json.loads(result.stdout)
@@ -220,3 +223,53 @@ def test_an_interrupted_measurement_goes_on_with_the_same_result(tmp_path: Path)
     cut, whole = Measurement.load("cut.h5"), Measurement.load("whole.h5")
     np.testing.assert_array_equal(cut.values, whole.values)
     np.testing.assert_array_equal(cut.samples.angles, whole.samples.angles)
+
+
+SMALL_EXPERIMENT = """
+material = "wood01"
+scenes = [{ name = "sphere", resolution = 32 }]
+measurement = { samples = [300], elevation_step_deg = 40, azimuth_step_deg = 120, baseline = false }
+rendering = { spp = 1 }
+comparison = { exact = false, estimate_samples = 7000 }
+"""
+
+
+@pytest.mark.slow
+def test_run_writes_a_folder_with_a_report() -> None:
+    Path("small.toml").write_text(SMALL_EXPERIMENT)
+    result = done("run", "small.toml")
+    assert result["report"] == "output/small/report.html"
+    assert Path(result["report"]).stat().st_size > 10_000
+    (record,) = result["results"]["reconstructions"]
+    assert record["samples"] == 300
+    shown = simrig("run", "small.toml", "--output", "output/small")
+    assert shown.exit_code == 0
+    assert "adaptive slices, 300 samples" in shown.stdout
+    assert [p.name for p in Path("output").iterdir()] == ["small"], "nothing is left beside"
+
+
+def test_studies_and_benchmarks_are_listed() -> None:
+    assert "table-5-3" in [study["name"] for study in done("study", "list")["studies"]]
+    names = [benchmark["name"] for benchmark in done("bench")["benchmarks"]]
+    assert {"plugins", "reconstruct", "sampling"} <= set(names)
+
+
+def test_a_study_runs_and_reports_from_saved_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(progress):
+        progress(1, 1, "the only step")
+        return {"rows": [{"published": 0.2, "ours": 0.19}]}
+
+    def table(results):
+        return f"published {results['rows'][0]['published']}, ours {results['rows'][0]['ours']}"
+
+    study = SimpleNamespace(__doc__="Table 0.\n\nSource: nowhere.", run=run, table=table)
+    monkeypatch.setitem(studies.STUDIES, "table-0", study)
+    assert done("study", "run", "table-0") == run(lambda *_: None)
+    Path("saved.json").write_text(simrig("study", "run", "table-0", "--json").stdout)
+    shown = simrig("study", "report", "table-0", "--results", "saved.json")
+    assert shown.stdout == "Table 0.\n\nSource: nowhere.\npublished 0.2, ours 0.19\n"
+    report = ("study", "report", "table-0", "--results", "other.json")
+    Path("other.json").write_text("[")
+    assert "holds no JSON object" in refusal(*report)
+    Path("other.json").write_text("{}")
+    assert "holds no results of the study 'table-0'" in refusal(*report)

@@ -42,6 +42,7 @@ def examples(page: Path) -> list[Example]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [DOCS / "command_line.md", ROOT / "README.md"])
 def test_every_example_runs_and_prints_what_the_page_says(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

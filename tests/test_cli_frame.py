@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +21,18 @@ from simrig.cli.app import app
 from simrig.errors import SimrigError
 
 COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
+
+
+def lose_an_interrupt() -> None:
+    """Receive Ctrl-C where Python can only drop it, then go on for a while."""
+
+    class Dropped:
+        def __del__(self) -> None:
+            raise KeyboardInterrupt
+
+    Dropped()
+    for _ in range(1000):
+        time.sleep(0.01)
 
 
 def make_app() -> typer.Typer:
@@ -39,9 +52,12 @@ def make_app() -> typer.Typer:
             "memory": MemoryError(),
             "defect": ZeroDivisionError("division by zero"),
             "interrupt": KeyboardInterrupt(),
+            "native": RuntimeError("[parser.cpp:1] failed: Traceback ... KeyboardInterrupt"),
         }
-        if how == "interrupt":
+        if how in ("interrupt", "native", "lost"):
             frame.on_interrupt("run it again to go on")
+        if how == "lost":
+            lose_an_interrupt()
         if how in failures:
             raise failures[how]
         data = {"count": np.int64(count), "error": np.float32(np.nan), "peak": float("inf")}
@@ -67,6 +83,8 @@ def act(*arguments: str):
             "ZeroDivisionError: division by zero\n",
         ),
         ("interrupt", 130, "interrupted: run it again to go on\n"),
+        ("native", 130, "interrupted: run it again to go on\n"),
+        ("lost", 130, "interrupted: run it again to go on\n"),
     ],
 )
 def test_a_failure_is_one_line_and_an_exit_code(how: str, code: int, message: str) -> None:

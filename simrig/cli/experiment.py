@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -75,5 +75,22 @@ def _experiment(config: Experiment, output: Path, variant: str | None, force: bo
     written = output / "report.html"
     return frame.Report(
         data={"output": output, "report": written, "results": results},
-        shown=[f"{output}: open {written}"],
+        shown=[_summary(results), f"{output}: open {written}"],
     )
+
+
+def _summary(results: dict[str, Any]) -> Any:
+    """Return one line per reconstruction: what it cost beside how far off it is."""
+    first = next(iter(results["scenes"]))
+    columns = ("reconstruction", "hardware h", "computing s", "MRE %", f"ΔE 1976, {first}")
+    rows = [
+        (
+            record["label"],
+            record["total"]["hardware_hours"],
+            record["total"]["compute_seconds"],
+            record["reflectance"]["mre_percent"],
+            record["scenes"][first]["errors"]["delta_e"],
+        )
+        for record in results["reconstructions"]
+    ]
+    return frame.table(columns, rows, results["title"])

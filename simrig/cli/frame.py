@@ -12,10 +12,12 @@ and everything else to standard error, and turns what goes wrong into an exit co
 
 from __future__ import annotations
 
+import _thread
 import importlib
 import inspect
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -123,19 +125,41 @@ def _mute_native_messages() -> None:
 
 @contextmanager
 def _errors_as_exit_codes() -> Iterator[None]:
+    previous, sys.unraisablehook = sys.unraisablehook, _repeat_lost_interrupt
     try:
         yield
     except KeyboardInterrupt:
-        _say(f"interrupted: {_run.resume}")
-        raise typer.Exit(INTERRUPTED) from None
+        raise _interrupted() from None
     except (typer.Exit, typer.TyperException):
         raise
     except Exception as error:
+        if is_interrupt(error):
+            raise _interrupted() from None
         if _run.verbose:
             raise
         _say_error(_one_line(error))
         bad_input = isinstance(error, SimrigError | OSError | MemoryError)
         raise typer.Exit(BAD_INPUT if bad_input else 1) from None
+    finally:
+        sys.unraisablehook = previous
+
+
+def _interrupted() -> typer.Exit:
+    _say(f"interrupted: {_run.resume}")
+    return typer.Exit(INTERRUPTED)
+
+
+def is_interrupt(error: Exception) -> bool:
+    """Return whether an error is Ctrl-C that came while native code was calling Python."""
+    return isinstance(error, RuntimeError) and "KeyboardInterrupt" in str(error)
+
+
+def _repeat_lost_interrupt(lost: Any) -> None:
+    """Send Ctrl-C again when it came during a callback where Python can only drop it."""
+    if isinstance(lost.exc_value, KeyboardInterrupt):
+        threading.Timer(0.05, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _one_line(error: Exception) -> str:

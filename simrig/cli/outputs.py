@@ -75,8 +75,9 @@ def output_folder(path: Path, force: bool, request: Mapping[str, Any]) -> Iterat
         frame.on_interrupt("the same command goes on from what is done")
         try:
             yield partial
-        except Exception:
-            shutil.rmtree(partial, ignore_errors=True)
+        except Exception as error:
+            if not frame.is_interrupt(error):
+                shutil.rmtree(partial, ignore_errors=True)
             raise
         _list_files(partial)
         _check_folder(path, force)

@@ -53,9 +53,13 @@ def report_study(
     module = _find("study", name, STUDIES)
     about = (module.__doc__ or "").strip()
     ran = _run("study", name, STUDIES).data if results is None else _read(results)
-    return frame.Report(
-        data={"name": name, "about": about, **ran}, shown=[about, module.table(ran)]
-    )
+    try:
+        table = module.table(ran)
+    except (KeyError, TypeError, ValueError) as error:
+        if results is None:
+            raise
+        raise SimrigError(f"'{results}' holds no results of the study '{name}'") from error
+    return frame.Report(data={"name": name, "about": about, **ran}, shown=[about, table])
 
 
 def _read(results: Path) -> dict[str, Any]:
