@@ -130,8 +130,9 @@ class ComparisonSettings(Section):
 class SceneSettings:
     """One scene: its registered name and options.
 
-    Every scene also takes ``spp`` in place of that of [rendering]; ``environment_sphere`` takes ``environment``, an EXR or HDR file (``"builtin"`` without
-    one), beside ``lights``, into how many directional lights it is cut.
+    Every scene also takes ``spp`` in place of that of [rendering]. ``environment_sphere`` takes
+    ``environment``, an EXR or HDR file (``"builtin"`` without one), beside ``lights``, the number
+    of directional lights into which it is cut.
     """
 
     name: str
@@ -339,4 +340,4 @@ def demo_experiment(material: str | None = None) -> Experiment:
     return experiment._found_beside(Path.cwd())
 
 
-DEMO_MATERIAL = "yellow_satin"
+DEMO_MATERIAL = "fabric112"

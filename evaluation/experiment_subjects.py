@@ -25,6 +25,7 @@ from simrig.sampling.placement import SlicePlacement, optimal_placement
 
 METHODS = {"slices": "adaptive slices", "uniform": "regular grid"}
 LARGEST_THETA_DEG = 80.0  # that of the thesis; real arms do not reach much further
+_ROUNDING_DEG = 5e-5  # files often hold angles as float32
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,8 @@ def largest_theta_deg(truth: Reflectance, wished: float | None) -> float:
     """
     data_end = float(np.degrees(truth.theta_max))
     if wished is None:
-        return min(LARGEST_THETA_DEG, float(np.floor(data_end + 1e-6)))
-    if wished > data_end + 1e-6:
+        return min(LARGEST_THETA_DEG, float(np.floor(data_end + _ROUNDING_DEG)))
+    if wished > data_end + _ROUNDING_DEG:
         raise SimrigError(
             f"'theta_max_deg' is {wished:g}, but the data of '{truth.name}' end at {data_end:g}°"
         )

@@ -10,6 +10,7 @@ from typing import Any
 
 import jinja2
 
+from simrig.evaluation.environment import BUILTIN
 from simrig.evaluation.experiment_subjects import METHODS, Subject
 from simrig.evaluation.report_pictures import brdf_pictures, cost_plots, data_uri, slices_picture
 from simrig.reflectance.protocol import Reflectance
@@ -43,6 +44,7 @@ def render(
         "r": results,
         "methods": {m: [records[s.plan.key] for s in own] for m, own in by_method.items()},
         "names": METHODS,
+        "titles": {key: scene_title(scene) for key, scene in results["scenes"].items()},
         "picture": lambda file: data_uri((folder / file).read_bytes()),
         # the middle one: enough samples to see a pattern, few enough to see dots
         "slices": slices_picture(truth, measured[len(measured) // 2]),
@@ -63,7 +65,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters.update(sig=significant, size=size, metric=metric, count=count)
+    environment.filters.update(sig=significant, size=size, metric=metric, count=count, plain=plain)
     return environment
 
 
@@ -91,6 +93,23 @@ def size(value: float) -> str:
     return f"{significant(value)} GB"
 
 
-def metric(value: float | None) -> str:
+def metric(value: float | None, digits: int = 3) -> str:
     """Return an error figure; None stands for the infinite PSNR of identical images."""
-    return "∞" if value is None else significant(value)
+    return "∞" if value is None else significant(value, digits)
+
+
+def plain(value: float) -> str:
+    """Return a setting as it was given, without trailing zeros."""
+    return f"{value:g}"
+
+
+def scene_title(scene: Mapping[str, Any]) -> str:
+    """Return the heading of a scene from its name and options."""
+    options, parts = scene["options"], [scene["name"].replace("_", " ").capitalize()]
+    if "light" in options:
+        parts.append(f"lit from the {options['light']}")
+    if "lights" in options:
+        parts.append(f"{options['lights']} directional lights")
+    if options.get("environment", BUILTIN) != BUILTIN:
+        parts.append(Path(options["environment"]).stem)
+    return ", ".join(parts)

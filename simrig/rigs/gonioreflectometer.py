@@ -159,7 +159,8 @@ class Gonioreflectometer:
 
     def _check_reach(self, reflectances: Sequence[Reflectance], placement: SlicePlacement) -> None:
         for reflectance in reflectances:
-            if placement.theta_max > reflectance.theta_max + 1e-9:
+            # files often hold angles as float32: 80° is then 79.99998°
+            if placement.theta_max > reflectance.theta_max + 1e-6:
                 own, asked = np.degrees([reflectance.theta_max, placement.theta_max])
                 raise SimrigError(
                     f"'{reflectance.name}' has data up to theta = {own:g} degrees, the plan asks "

@@ -1,0 +1,143 @@
+"""The report: one file, nothing from outside, everything escaped, numbers rounded sensibly."""
+
+from __future__ import annotations
+
+import base64
+import html.parser
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from simrig.evaluation.experiment import run_experiment
+from simrig.evaluation.experiment_config import (
+    ComparisonSettings,
+    Experiment,
+    MeasurementSettings,
+    RenderingSettings,
+    SceneSettings,
+)
+from simrig.evaluation.report import metric, plain, scene_title, significant, size
+
+HOSTILE = '<script src="http://example.com/x.js">alert("&")</script>'
+EXPERIMENT = Experiment(
+    material="fabric112",
+    title=HOSTILE,
+    measurement=MeasurementSettings(samples=(700,)),
+    rendering=RenderingSettings(spp=1),
+    comparison=ComparisonSettings(estimate_samples=2000, step_deg=20.0),
+    scenes=(SceneSettings("cylinder", {"resolution": 12, "light": "left"}),),
+)
+
+
+class Reader(html.parser.HTMLParser):
+    """Collects what the tests ask: tags, their attributes, the text."""
+
+    VOID = frozenset({"meta", "img", "br", "link", "hr"})
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag, f"</{tag}> closes nothing"
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("report")
+    run_experiment(EXPERIMENT, folder)
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_nothing_comes_from_outside(report: str) -> None:
+    reader = Reader(report)
+    assert reader.open == []
+    assert not {"script", "link", "iframe", "object", "embed"} & {tag for tag, _ in reader.tags}
+    sources = [a[k] or "" for _, a in reader.tags for k in ("src", "href", "srcset") if k in a]
+    assert sources
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not re.search(r"url\(|@import", report)
+
+
+def test_every_picture_is_a_png_and_has_a_description(report: str) -> None:
+    images = [attributes for tag, attributes in Reader(report).tags if tag == "img"]
+    # reference, two reconstructions with differences; slices; BRDF with two and differences; plots
+    assert len(images) == 1 + 4 + 1 + 1 + 4 + 2
+    for image in images:
+        data = base64.b64decode((image["src"] or "").partition(",")[2], validate=True)
+        assert data.startswith(b"\x89PNG\r\n\x1a\n")
+        assert image["alt"]
+
+
+def test_what_the_user_wrote_is_escaped(report: str) -> None:
+    assert HOSTILE not in report
+    assert HOSTILE in Reader(report).text
+
+
+def test_figures_stand_beside_their_cost(report: str) -> None:
+    text = " ".join(Reader(report).text.split())
+    for part in ("MRE", "ΔE", "Pareto front", "h measuring", "700 samples", "fingerprint"):
+        assert part in text
+    assert "255 − 10 · |difference|" in text
+    assert not re.search(r"\bNone\b|\bnan\b|\binf\b|Undefined", text)
+
+
+def test_the_report_without_baseline_and_exact_errors(tmp_path: Path) -> None:
+    plain_one = replace(
+        EXPERIMENT,
+        measurement=MeasurementSettings(samples=(700,), baseline=False),
+        comparison=ComparisonSettings(exact=False, estimate_samples=2000, step_deg=20.0),
+    )
+    run_experiment(plain_one, tmp_path)
+    text = " ".join(Reader((tmp_path / "report.html").read_text()).text.split())
+    assert "±" in text
+    assert "exact" not in text.replace("exact = false", "")
+    assert "egular grid" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.0, "0"),
+        (0.12345, "0.123"),
+        (9.996, "10.0"),
+        (99.96, "100"),
+        (1234.5, "1,234"),
+        (18721, "18,721"),
+        (0.00012345, "0.000123"),
+        (1.5e-9, "1.50e-09"),
+        (-2.345, "-2.35"),
+    ],
+)
+def test_significant_digits(value: float, shown: str) -> None:
+    assert significant(value) == shown
+
+
+def test_sizes_metrics_and_settings() -> None:
+    assert [size(n) for n in (12, 1500, 5_331_420, 2.5e9)] == [
+        "12 bytes",
+        "1.50 kB",
+        "5.33 MB",
+        "2.50 GB",
+    ]
+    assert (metric(None), metric(1.0), plain(10.0), plain(0.9)) == ("∞", "1.00", "10", "0.9")
+
+
+def test_scene_titles() -> None:
+    assert scene_title({"name": "sphere", "options": {}}) == "Sphere"
+    options = {"lights": 16, "environment": "maps/grace.exr"}
+    title = scene_title({"name": "environment_sphere", "options": options})
+    assert title == "Environment sphere, 16 directional lights, grace"
