@@ -50,7 +50,7 @@ def simrig_kurt(props: Any) -> Reflectance:
         lobes.append(_kurt_lobe(props, "_2"))
     stray = [f"{name}_2" for name in _LOBE_NUMBERS if len(lobes) == 1 and f"{name}_2" in props]
     if stray:
-        raise SimrigError(f"simrig_kurt: '{stray[0]}' belongs to a second lobe, which needs 'k_s_2'")
+        raise SimrigError(f"'{stray[0]}' belongs to a second lobe, which needs 'k_s_2'")
     return Kurt(k_d=_colour(props, "k_d", 0.1), lobes=tuple(lobes), name="simrig_kurt")
 
 

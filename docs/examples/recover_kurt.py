@@ -34,7 +34,7 @@ def recover(steps: int = 120) -> dict[str, float]:
     guess = {**truth, "k_s": [0.2, 0.2, 0.2], "m_x": 0.5}
     scene = sphere_scene(guess)
     params = mi.traverse(scene)
-    wanted = [key for key in params.keys() if key.endswith((".k_s", ".m_x"))]
+    wanted = [key for key, _ in params if key.endswith((".k_s", ".m_x"))]
     optimiser = mi.ad.Adam(lr=0.02)
     for key in wanted:
         optimiser[key] = params[key]

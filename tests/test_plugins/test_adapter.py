@@ -46,8 +46,9 @@ def test_eval_is_the_reflectance_times_the_cosine(name, reflectance, tools, vari
     material = reflectance(name)
     wi, wo = random_pairs(rng)
     expected = evaluate(material, wo, wi) * wo[:, 2:]  # Mitsuba's wi is the view here
-    # float32: the exponent of narrow lobes loses what the half vector's slope divides by m
-    tolerance = 3e-3 if name == "narrow" else 2e-4
+    # float32: the exponent of narrow lobes loses what the half vector's slope divides by m;
+    # slices add and subtract values that are packed to 13 and 12 bits
+    tolerance = 3e-3 if name in ("narrow", "slices") else 2e-4
     actual = value_of(make_bsdf(material), tools, wi, wo)
     assert actual == pytest.approx(expected, rel=tolerance, abs=1e-7)
 

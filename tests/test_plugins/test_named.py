@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from simrig import backend
+from simrig.data.load import save_material
 from simrig.errors import SimrigError
 from simrig.plugins import make_bsdf, one_line_errors
+from simrig.reflectance.albedo import directional_albedo
 from simrig.reflectance.kurt_materials import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 
 XML = """<scene version="3.0.0">
@@ -85,6 +87,53 @@ def test_bad_properties_give_one_line(properties, expected, variant_llvm):
         mi.load_dict(properties)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value) and "Traceback" not in str(caught.value)
+
+
+def test_a_table_is_not_slices(tools, variant_llvm, tmp_path):
+    path = tmp_path / "table.h5"
+    save_material(path, tools.small_table())
+    assert mi.load_dict({"type": "simrig_table", "filename": str(path)}).reflectance.kind == "dense"
+    with (
+        pytest.raises(SimrigError, match="holds dense, not slices: use simrig_table"),
+        one_line_errors(),
+    ):
+        mi.load_dict({"type": "simrig_slices", "filename": str(path)})
+
+
+def test_files_are_found_beside_the_scene(tools, variant_llvm, tmp_path):
+    save_material(tmp_path / "slices.h5", tools.slices())
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        '<scene version="3.0.0"><shape type="sphere"><bsdf type="simrig_slices">'
+        '<string name="filename" value="slices.h5"/></bsdf></shape></scene>'
+    )
+    (shape,) = mi.load_file(str(scene)).shapes()
+    expected, loaded = tools.slices().data(), shape.bsdf().reflectance.data()
+    assert loaded.keys() == expected.keys()
+    assert all(np.array_equal(loaded[key], expected[key]) for key in expected)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "rgl/chm_orange_rgb.bsdf",
+        "cornell/cayman.brdf",
+        "ubo2014/carpet07_mean_151x151.npz",
+    ],
+)
+def test_measured_files(name, shared_data, tools, variant_llvm, rng):
+    bsdf = mi.load_dict({"type": "simrig_table", "filename": str(shared_data(name))})
+    wi = np.tile(tools.direction(30.0, 10.0), (2000, 1))
+    u = rng.uniform(size=(3, 2000))
+    _, weight = bsdf.sample(
+        mi.BSDFContext(), tools.interaction(wi), mi.Float(u[0]), mi.Point2f(u[1], u[2])
+    )
+    weight = weight.numpy().astype(np.float64)
+    expected = directional_albedo(bsdf.reflectance, np.radians(30.0), np.radians(10.0), 96, 192)
+    error = weight.std(axis=1) / np.sqrt(2000)
+    assert np.all(np.abs(weight.mean(axis=1) - expected) < 4.0 * error + 0.01 * expected)
+    grey = weight.mean(axis=0)  # one channel may be black where the others are not
+    assert grey.std() / np.sqrt(2000) < 0.02 * grey.mean()
 
 
 def test_an_unknown_property_is_refused_by_mitsuba(variant_llvm):

@@ -1,0 +1,72 @@
+"""The manual and the examples: equal to the docstrings, and they run."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import mitsuba as mi
+import pytest
+
+from simrig.data.load import save_material
+from simrig.plugins.manual import with_manual
+from simrig.plugins.named import PLUGINS
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "plugins.md").read_text(encoding="utf-8")
+
+
+def load_example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, DOCS / "examples" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_holds_the_docstrings():
+    assert with_manual(PAGE) == PAGE, "run python -m simrig.plugins.manual docs/plugins.md"
+
+
+def test_the_blocks_of_the_page_run(tools, variant_llvm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_material("slices.h5", tools.slices())
+    save_material("table.h5", tools.small_table())
+    namespace: dict = {}
+    seen = set()
+    for block in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL):
+        if block.startswith("{"):
+            properties = eval(block)
+            seen.add(properties["type"])
+            assert type(mi.load_dict(properties)).__name__ == properties["type"]
+        else:
+            exec(block, namespace)
+    assert seen == set(PLUGINS)
+    for block in re.findall(r"```xml\n(.*?)```", PAGE, flags=re.DOTALL):
+        bsdf = mi.load_string(block.replace("<bsdf ", '<bsdf version="3.0.0" ', 1))
+        assert bsdf.reflectance.m_x == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("name", PLUGINS)
+def test_every_documented_parameter_is_accepted(name, tools, variant_llvm, tmp_path):
+    """Those of the table, all at once, are known to the plugin; Mitsuba refuses unknown ones."""
+    save_material(tmp_path / "slices.h5", tools.slices())
+    values = {"filename": str(tmp_path / "slices.h5"), "variant": "ward", "rotation": 5.0}
+    rows = re.findall(r"^\s*\| (\w[\w, ]*) \|", PLUGINS[name].__doc__ or "", flags=re.M)
+    names = [part for row in rows[1:] for part in row.split(", ") if part != "material"]
+    assert "rotation" in names
+    mi.load_dict({"type": name, **{key: values.get(key, 0.25) for key in names}})
+
+
+def test_a_material_is_recovered_from_a_picture(variant_llvm):
+    found = load_example("recover_kurt").recover()
+    assert found["k_s"] == pytest.approx(0.3, rel=0.02)
+    assert found["m_x"] == pytest.approx(0.25, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_slice_is_recovered_from_pictures(variant_llvm):
+    before, after = load_example("recover_slice").recover()
+    assert before > 0.5
+    assert after < 0.15
