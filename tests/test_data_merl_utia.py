@@ -117,6 +117,9 @@ def test_merl_refuses_trailing_bytes_and_damage(merl_file, planes):
 def test_merl_writer_refuses_other_bins(tmp_path):
     with pytest.raises(SimrigError, match="resample_isotropic"):
         merl.write_merl(tmp_path / "x.binary", IsotropicTable(np.ones((4, 4, 4, 3))))
+    full_turn = IsotropicTable(np.ones((90, 90, 180, 3), dtype=np.float32), reciprocal=False)
+    with pytest.raises(SimrigError, match="is not and has"):
+        merl.write_merl(tmp_path / "x.binary", full_turn)
     assert list(tmp_path.iterdir()) == []
 
 

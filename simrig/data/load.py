@@ -177,8 +177,10 @@ def _read_again(path: Path, name: str, options: dict[str, Any]) -> Reflectance:
 
 
 def _write_merl(path: Path, reflectance: Reflectance) -> None:
-    fits = isinstance(reflectance, IsotropicTable) and reflectance.values.shape[:3] == MERL_SHAPE
-    merl.write_merl(path, reflectance if fits else resample_isotropic(reflectance))  # type: ignore[arg-type]
+    table = reflectance if isinstance(reflectance, IsotropicTable) else None
+    if table is None or table.values.shape[:3] != MERL_SHAPE or not table.reciprocal:
+        table = resample_isotropic(reflectance)
+    merl.write_merl(path, table)
 
 
 def _write_utia(

@@ -64,11 +64,12 @@ def write_merl(path: str | Path, table: IsotropicTable) -> None:
     """Write a table with MERL's bins as a MERL file (see ``resample_isotropic`` for others).
 
     Raises:
-        SimrigError: when the table has other bins.
+        SimrigError: when the table has other bins, or is not reciprocal.
     """
-    if table.values.shape != (*MERL_SHAPE, 3):
+    if table.values.shape != (*MERL_SHAPE, 3) or not table.reciprocal:
         raise SimrigError(
-            f"a MERL file has {MERL_SHAPE} bins, the table has {table.values.shape[:3]}: "
+            f"a MERL file is reciprocal with {MERL_SHAPE} bins, the table "
+            f"{'is' if table.reciprocal else 'is not'} and has {table.values.shape[:3]}: "
             "resample it with resample_isotropic"
         )
     planes = np.moveaxis(table.values.astype("<f8") / SCALE, -1, 0)

@@ -23,8 +23,9 @@ class IsotropicTable(Reflectance):
     """A table over (theta_h, theta_d, phi_d) as in the MERL database (Matusik et al. 2003).
 
     theta_h has bins of equal size in sqrt(theta_h), so that they are finest at the highlight;
-    theta_d covers [0, π/2] and phi_d [0, π) evenly. phi_d and phi_d + π share their values, which
-    makes the table reciprocal. A value stands for its bin. ``"nearest"`` reads the bin, as the
+    theta_d covers [0, π/2] and phi_d [0, π) evenly. phi_d and phi_d + π, the swapped directions,
+    share their values, which makes the table reciprocal; one that is not has phi_d over a full
+    turn. A value stands for its bin. ``"nearest"`` reads the bin, as the
     database's own code does; ``"linear"`` interpolates between the centres of the bins: around
     phi_d without a seam, and across theta_d = 0 and theta_h = 0 with the value held from the
     first centre.
@@ -35,13 +36,13 @@ class IsotropicTable(Reflectance):
         lookup: ``"linear"`` or ``"nearest"``.
         theta_max: largest elevation that the data cover, in radians. Only a statement: the
             table has values for every pair of directions.
+        reciprocal: whether phi_d covers half a turn (MERL) or a full one.
 
     Raises:
         SimrigError: shape or values that cannot be.
     """
 
     kind = "isotropic"
-    reciprocal = True
     invalid_bins: int = 0  # bins that a file marked as not measured, set by its reader
 
     def __init__(
@@ -50,6 +51,7 @@ class IsotropicTable(Reflectance):
         lookup: str = "linear",
         theta_max: float = float(np.pi / 2),
         name: str = "isotropic",
+        reciprocal: bool = True,
     ):
         values = np.asarray(values)
         if values.dtype not in (np.float32, np.float64):
@@ -63,21 +65,31 @@ class IsotropicTable(Reflectance):
             raise unknown_name("lookup", lookup, LOOKUPS)
         check_values(values, f"table '{name}'")
         self.values, self.lookup, self.name = values, lookup, name
-        self.theta_max = float(theta_max)
+        self.theta_max, self.reciprocal = float(theta_max), bool(reciprocal)
 
     def data(self) -> Mapping[str, np.ndarray]:
         return {"values": self.values}
 
     def structure(self) -> dict[str, float | int | str | bool | list]:
         """Return the plain values that rebuild the table together with ``data()``."""
-        return {"lookup": self.lookup, "theta_max": self.theta_max}
+        return {
+            "lookup": self.lookup,
+            "theta_max": self.theta_max,
+            "reciprocal": self.reciprocal,
+        }
 
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> IsotropicTable:
         """Rebuild a table from ``structure()`` and ``data()``."""
-        return cls(data["values"], str(structure["lookup"]), float(structure["theta_max"]), name)
+        return cls(
+            data["values"],
+            str(structure["lookup"]),
+            float(structure["theta_max"]),
+            name,
+            bool(structure["reciprocal"]),
+        )
 
     def prepare(
         self, data: Mapping[str, Array], differentiable: bool = True
@@ -93,7 +105,7 @@ class IsotropicTable(Reflectance):
         positions = (
             n_theta_h * xp.sqrt(angles.theta_h * (2.0 / np.pi)),
             angles.theta_d * (n_theta_d * 2.0 / np.pi),
-            angles.phi_d * (n_phi_d / np.pi),
+            angles.phi_d * (n_phi_d / _period(self.reciprocal)),
         )
         if is_numpy(active):  # a NaN direction must not become an index
             positions = tuple(np.nan_to_num(position) for position in positions)
@@ -107,6 +119,10 @@ class IsotropicTable(Reflectance):
             colour = scale(read_colour(data, index, wi, active), a * b * c)
             value = colour if value is None else value + colour
         return where_colour(active, value if is_numpy(value) else type(wi)(value))
+
+
+def _period(reciprocal: bool) -> float:
+    return np.pi if reciprocal else 2.0 * np.pi
 
 
 def _bins(position: Array, count: int, sides: int) -> list[tuple[Array, Array]]:
@@ -133,11 +149,14 @@ def _periodic_bins(position: Array, count: int, sides: int) -> list[tuple[Array,
     return [(to_index(first), 1.0 - upper), (to_index(second), upper)]
 
 
-def bin_directions(shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+def bin_directions(
+    shape: tuple[int, int, int], reciprocal: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the direction pairs at the centres of the bins of a table.
 
     Args:
         shape: (n_theta_h, n_theta_d, n_phi_d).
+        reciprocal: whether phi_d covers half a turn or a full one.
 
     Returns:
         Two arrays of shape (n_theta_h, n_theta_d, n_phi_d, 3). Some directions lie below the
@@ -146,7 +165,7 @@ def bin_directions(shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]
     n_theta_h, n_theta_d, n_phi_d = shape
     theta_h = np.pi / 2 * ((np.arange(n_theta_h) + 0.5) / n_theta_h) ** 2
     theta_d = np.pi / 2 * (np.arange(n_theta_d) + 0.5) / n_theta_d
-    phi_d = np.pi * (np.arange(n_phi_d) + 0.5) / n_phi_d
+    phi_d = _period(reciprocal) * (np.arange(n_phi_d) + 0.5) / n_phi_d
     grid = np.meshgrid(theta_h, theta_d, phi_d, indexing="ij")
     return from_half_difference(grid[0], np.zeros_like(grid[0]), grid[1], grid[2])
 
