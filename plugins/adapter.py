@@ -73,7 +73,7 @@ def define_adapter() -> type:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0)
             active, local_i, local_o = self._local(si, wo, active)
-            return self._value(ctx, si, local_i, local_o) & active
+            return self._value(ctx, si, local_i, local_o, active) & active
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
@@ -85,7 +85,7 @@ def define_adapter() -> type:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0), mi.Float(0.0)
             active, local_i, local_o = self._local(si, wo, active)
-            value = self._value(ctx, si, local_i, local_o) & active
+            value = self._value(ctx, si, local_i, local_o, active) & active
             return value, dr.select(active, self._density(local_i, local_o), 0.0)
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
@@ -101,7 +101,7 @@ def define_adapter() -> type:
             active &= drawn.z > 0.0
             local_o = dr.select(active, drawn, up)
             pdf = self._density(local_i, local_o)
-            value = self._value(ctx, si, local_i, local_o)
+            value = self._value(ctx, si, local_i, local_o, active)
             cos_turn, sin_turn = dr.detach(self.cos_turn), dr.detach(self.sin_turn)
             bs.wo = mi.Vector3f(
                 cos_turn * local_o.x - sin_turn * local_o.y,
@@ -196,13 +196,24 @@ def define_adapter() -> type:
             )
             return dr.select(active, turned, mi.Vector3f(0.0, 0.0, 1.0))
 
-        def _value(self, ctx: Any, si: Any, wi: Any, wo: Any) -> Any:
+        def _value(self, ctx: Any, si: Any, wi: Any, wo: Any, active: Any) -> Any:
             light, view = (wo, wi) if ctx.mode == mi.TransportMode.Radiance else (wi, wo)
             if not self.differentiable and dr.grad_enabled(self.data):
                 raise SimrigError(
                     "call update() on the scene parameters after enabling their gradients"
                 )
-            colour = self.reflectance.eval(light, view, self.prepared)
+            if is_jit and not self.differentiable:
+                # a branch: packets of lanes that all missed the surface skip the look-up
+                colour = dr.if_stmt(
+                    (light, view),
+                    active,
+                    lambda light, view: mi.Color3f(
+                        self.reflectance.eval(light, view, self.prepared)
+                    ),
+                    lambda light, view: mi.Color3f(0.0),
+                )
+            else:
+                colour = self.reflectance.eval(light, view, self.prepared)
             return upsample(colour * wo.z, si.wavelengths)
 
         def _density(self, wi: Any, wo: Any) -> Any:

@@ -126,8 +126,8 @@ class SliceReflectance(Reflectance):
         can_pack = dr.is_jit_v(number) and dr.type_v(number) == dr.VarType.Float32
         if differentiable or not can_pack:
             return {**flat, "between": between, "floor": floor}
-        packed = {f"packed_{k}": pack_colours(v) for k, v in {**flat, "floor": floor}.items()}
-        return {**packed, "packed_between": pack_colours(between, signed=True)}
+        tables = {**flat, "between": between, "floor": floor}
+        return {f"packed_{key}": pack_colours(value) for key, value in tables.items()}
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
@@ -180,22 +180,12 @@ class SliceReflectance(Reflectance):
                 pair = lay.pair(i + step_i, v + step_v, flip)
                 pole = _pole(i, v, step_i, step_v) if lay.one_pole else False
                 rows = (_choose(flip, a_n - j, j), _choose(flip, a_n - 1 - j, j + 1))
-                places = (_choose(flip, m + np.pi, m),) * 2
-                if pole is not False:
-                    rows = tuple(
-                        xp.select(pole, r, o) for r, o in zip((j, j + 1), rows, strict=True)
-                    )
+                place = _choose(flip, m + np.pi, m)
+                if pole is not False:  # both rows read the circle where the other direction is
                     around = phi_v if step_i == 0 else phi_i
-                    if (step_i, step_v) == (0, 0):
-                        around = xp.select(i == 0, phi_v, phi_i)
-                    places = tuple(
-                        xp.select(pole, around - half_step * lay.number(r, theta_i), p)
-                        for r, p in zip((j, j + 1), places, strict=True)
-                    )
-                p_0, p_1 = (
-                    self._along("axial", texels, pair, row, place)
-                    for row, place in zip(rows, places, strict=True)
-                )
+                    rows = tuple(xp.select(pole, 0 * row, row) for row in rows)
+                    place = xp.select(pole, around, place)
+                p_0, p_1 = (self._along("axial", texels, pair, row, place) for row in rows)
                 q_place = _choose(flip, -1.0 * d, d)
                 q_0, q_1 = (self._along("diagonal", texels, pair, b + o, q_place) for o in (0, 1))
                 value = _add(value, _lerp(p_0, p_1, y), weight)
@@ -277,7 +267,7 @@ class _Texels:
     def __call__(self, key: str, index: Array) -> Array:
         packed = self._data.get(f"packed_{key}")
         if packed is not None:
-            return gather_packed(packed, index, self._number, signed=key == "between")
+            return gather_packed(packed, index, self._number)
         return gather_colour(self._data[key], index, self._like)
 
 
