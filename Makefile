@@ -2,12 +2,10 @@
 
 VENV ?= .venv
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
-# pytest workers; each limits its own Dr.Jit threads
-WORKERS ?= 2
 
 BIN := $(abspath $(VENV))/bin
 READY := $(VENV)/.ready
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
+PYTEST := $(BIN)/python -m pytest
 SOURCES := simrig plugins scenes evaluation tests
 
 .PHONY: help install demo test test-quick lint types format doctor clean

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
 from simrig import backend
@@ -107,7 +108,6 @@ def _materials(folder: Path) -> tuple[dict[str, Callable[[], Any]], dict[str, in
 
 def _device_bytes(reflectance: Reflectance) -> int:
     """Return the bytes of the look-up layout that rendering reads."""
-    import drjit as dr
     import mitsuba as mi
 
     data = reflectance.prepare(reflectance.on(mi.Float), differentiable=False)
@@ -131,8 +131,8 @@ def _cell(
 
     def job(name: str, scene: Any) -> Callable[[], None]:
         def once() -> None:
-            pictures[name] = mi.render(scene, integrator=integrator, spp=spp, seed=1)
-            mi.TensorXf(pictures[name]).array.numpy()
+            pictures[name] = mi.render(scene, integrator=integrator, spp=spp, seed=mi.UInt32(1))
+            dr.eval(pictures[name])
 
         return once
 

@@ -63,8 +63,9 @@ def run(
     timings = side_by_side(jobs, rounds, progress)
     for name in ("NumPy, the same look-up", "SciPy RegularGridInterpolator"):
         t = timings[name]
-        scaled = (x / share for x in (t.first, t.median, t.fastest, t.slowest))
-        timings[name] = Timing(*scaled, t.rounds)
+        timings[name] = Timing(
+            t.first / share, t.median / share, t.fastest / share, t.slowest / share, t.rounds
+        )
     error = mre_exact(truth, to_dense(slices, STEP_DEG)).percent
     wi, wv = to_vector(angles[0], angles[2]), to_vector(angles[1], angles[3])
     reference = evaluate(truth, wi, wv)

@@ -51,7 +51,7 @@ def run(
         "benchmark": "sampling",
         "material": MATERIAL,
         "samples": samples,
-        "same_samples": bool(np.array_equal(*chosen)),
+        "same_samples": bool(np.array_equal(chosen[0], chosen[1])),
         "thesis_seconds": THESIS_SECONDS,
         "hardware_hours": rig.timing.seconds(samples, adaptive=True) / 3600.0,
         "rounds": rounds,

@@ -81,7 +81,8 @@ class BlendedElevations:
         d = u // 2 + dr.select(second, turn // 2, types.UInt(0))
 
         start = pair * (a_n + 1)
-        low, value = self._lowest(a, b, j, k), None
+        low: Any = self._lowest(a, b, j, k)
+        value: Any = None
         for table, line, place, weight in ((self.axial, j, m, y), (self.diagonal, row, d, x)):
             for offset in (0, 1):
                 index = (start + line + offset) * samples + place
@@ -126,7 +127,7 @@ class BlendedElevations:
             else:
                 own_row, own_place = row, dr.select(flip, (samples - place) % samples, place)
             source = (lay.pair(i, v, flip) * (a_n + 1) + own_row) * samples + own_place
-            value = dr.gather(self.colour, self.data[key], source)
+            value: Any = dr.gather(self.colour, self.data[key], source)
             pole = ((i == 0) | (v == 0)) & lay.one_pole
             weight = dr.select(pole, 0.0, dr.gather(types.Float, weight, pair))
             total += value * weight
@@ -147,7 +148,7 @@ class BlendedElevations:
                 pole = ((i == 0) if light_at_pole else (v == 0) & (i != 0)) & lay.one_pole
                 other = v if light_at_pole else i
                 source = lay.pair(0 * other, other, False) * (lay.azimuth_count + 1) * samples
-                value = dr.gather(self.colour, self.data["axial"], source + place)
+                value: Any = dr.gather(self.colour, self.data["axial"], source + place)
                 weight = dr.select(pole, dr.gather(types.Float, weight, pair), 0.0)
                 total += value * weight
                 lowest = dr.select(pole, dr.minimum(lowest, value), lowest)
@@ -168,7 +169,9 @@ class BlendedElevations:
         start = (node * (a_n + 1) + j) * (2 * a_n + 1) + k
         below = start + (2 * a_n + 1)
         table = self.data["between"]
-        c = [dr.gather(self.colour, table, s) for s in (start, start + 1, below, below + 1)]
+        c: list[Any] = [
+            dr.gather(self.colour, table, s) for s in (start, start + 1, below, below + 1)
+        ]
         return dr.lerp(dr.lerp(c[0], c[1], x), dr.lerp(c[2], c[3], x), y)
 
     def _lowest(self, a: Array, b: Array, j: Array, k: Array) -> Array:

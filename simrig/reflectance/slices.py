@@ -102,8 +102,9 @@ class SliceReflectance(Reflectance):
     ) -> SliceReflectance:
         """Rebuild from ``structure()`` and ``data()``."""
         layout = SliceLayout.from_dict(structure)
-        parts = [data.get(k) for k in ("corners", "axial", "diagonal", "horizontal")]
-        return cls(layout, *parts, name=name)
+        return cls(
+            layout, data["corners"], data["axial"], data["diagonal"], data.get("horizontal"), name
+        )
 
     @property
     def stored_bytes(self) -> int:
@@ -133,8 +134,9 @@ class SliceReflectance(Reflectance):
         data = self._data_for(wi, data)
         active = above_horizon(wi, wv)
         xp = namespace(wi)
-        angles = [xp.select(active, a, 0.0) for a in (*to_angles(wi), *to_angles(wv))]
-        value = self._interpolate(*angles, _Texels(data, wi))
+        theta_i, phi_i = (xp.select(active, angle, 0.0) for angle in to_angles(wi))
+        theta_v, phi_v = (xp.select(active, angle, 0.0) for angle in to_angles(wv))
+        value = self._interpolate(theta_i, phi_i, theta_v, phi_v, _Texels(data, wi))
         return where_colour(active, value if is_numpy(value) else type(wi)(value))
 
     def eval_angles(
@@ -147,7 +149,8 @@ class SliceReflectance(Reflectance):
     ) -> Array:
         """Return f_r for angles in radians (NumPy or Dr.Jit), theta in [0, 90°)."""
         data = self._data_for(theta_i, data)
-        return self._interpolate(theta_i, phi_i, theta_v, phi_v, _Texels(data, theta_i))
+        texels = _Texels(data, theta_i)
+        return self._interpolate(theta_i, phi_i, theta_v, phi_v, texels)
 
     def _interpolate(
         self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, texels: _Texels

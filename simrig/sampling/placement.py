@@ -243,7 +243,7 @@ def build_slices(placement: SlicePlacement, slice_types: str = "all") -> Slices:
         first_knot=np.concatenate([[0], np.cumsum([len(s.positions) for s in found])]),
         position=np.concatenate([s.positions for s in found]),
         sample=np.concatenate([s.samples for s in found]),
-        index=np.array([s.index for s in found]),
+        index=np.array([s.indices for s in found]),
     )
 
 
@@ -253,7 +253,7 @@ class _Slice(NamedTuple):
     kind: int
     ends: int
     length: float
-    index: tuple[int, int, int, int]
+    indices: tuple[int, int, int, int]
     origin: tuple[float, float, float, float]
     positions: np.ndarray
     samples: np.ndarray
