@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import simrig
 from simrig import backend
 from simrig.data.files import atomic_write
 from simrig.data.load import load_material
@@ -63,7 +64,11 @@ def run_experiment(
     folder = Path(folder)
     for name in ("measurements", "reconstructions", *_picture_folders(experiment)):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    identity = {"settings": experiment.as_dict(), "material": fingerprint(truth)}
+    identity = {
+        "simrig": simrig.__version__,
+        "settings": experiment.as_dict(),
+        "material": fingerprint(truth),
+    }
     parts = Parts(folder, identity)
     steps = Steps(len(plans) * (2 + len(experiment.scenes)) + len(experiment.scenes) + 1, progress)
 

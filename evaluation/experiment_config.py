@@ -188,7 +188,7 @@ DEMO_SCENES = (
     SceneSettings("sphere", {"resolution": 256}),
     SceneSettings("four_spheres", {"columns": 2, "resolution": 384}),
     SceneSettings("cylinder", {"light": "top", "resolution": 128}),
-    SceneSettings("environment_sphere", {"lights": 256, "resolution": 192, "spp": 4}),
+    SceneSettings("environment_sphere", {"lights": 256, "resolution": 256, "spp": 8}),
 )
 
 
@@ -282,10 +282,10 @@ class Experiment(Section):
         """
         material = self.material
         if material not in (*KURT_MATERIALS, *RESCALED_MATERIALS):
-            if not (folder / material).is_file():
+            if not Path(material).suffix and not (folder / material).is_file():
                 known = (*KURT_MATERIALS, *RESCALED_MATERIALS)
                 raise unknown_name("material (and no file of this name)", material, known)
-            material = str((folder / material).resolve())
+            material = str(existing_file(folder / material).resolve())
         scenes = []
         for scene in self.scenes:
             source = scene.options.get("environment", BUILTIN)

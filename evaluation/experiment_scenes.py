@@ -126,7 +126,11 @@ class Studio:
 
     def _write(self, key: str, image: np.ndarray, exposure: float) -> dict[str, str]:
         """Write a picture as EXR and PNG; return their names relative to the folder."""
-        about = {"scene": self.key, "reflectance": key, "exposure": exposure}
+        about: dict[str, str | int | float | bool] = {
+            "scene": self.key,
+            "reflectance": key,
+            "exposure": exposure,
+        }
         files = {kind: f"pictures/{self.key}/{key}.{kind}" for kind in ("exr", "png")}
         write_exr(self.folder / files["exr"], image, about)
         write_png(self.folder / files["png"], image, exposure)

@@ -30,9 +30,10 @@ class MeasuredHalf(Reflectance):
         return self._truth.data()
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        exchange = components(wi)[2] < components(wv)[2]
-        pairs = list(zip(components(wi), components(wv), strict=True))
-        select = namespace(components(wi)[0]).select
-        low = vector(*(select(exchange, v, i) for i, v in pairs), like=wi)
-        high = vector(*(select(exchange, i, v) for i, v in pairs), like=wi)
-        return self._truth.eval(low, high, data)
+        (x_i, y_i, z_i), (x_v, y_v, z_v) = components(wi), components(wv)
+        exchange = z_i < z_v
+        select = namespace(z_i).select
+        x, y, z = select(exchange, x_v, x_i), select(exchange, y_v, y_i), select(exchange, z_v, z_i)
+        higher = vector(x, y, z, like=wi)
+        x, y, z = select(exchange, x_i, x_v), select(exchange, y_i, y_v), select(exchange, z_i, z_v)
+        return self._truth.eval(higher, vector(x, y, z, like=wi), data)

@@ -92,6 +92,7 @@ def test_figures_stand_beside_their_cost(report: str) -> None:
     for part in ("MRE", "ΔE", "Pareto front", "h measuring", "700 samples", "fingerprint"):
         assert part in text
     assert "255 − 10 · |difference|" in text
+    assert "above 100 %" not in text
     assert not re.search(r"\bNone\b|\bnan\b|\binf\b|Undefined", text)
 
 
