@@ -21,6 +21,23 @@ from simrig.scenes import build_scene
 TRUTH = "truth"
 
 
+def automatic_exposure(image: np.ndarray) -> float:
+    """Return the exposure with which a reference and what is compared with it are shown.
+
+    The bright parts come near white. Where a highlight would leave the body in the dark, it may
+    clip by up to 3 EV, as in a photograph, until the median pixel has a tenth of white.
+
+    Args:
+        image: (height, width, 3) linear RGB.
+
+    Raises:
+        SimrigError: the picture is black.
+    """
+    bright = rendering.display_exposure(image)
+    body = rendering.display_exposure(image, percentile=50.0, level=0.1)
+    return min(max(bright, body), 8.0 * bright)
+
+
 @dataclass(frozen=True)
 class Studio:
     """Renders one scene with different reflectances and compares them with the truth.
@@ -55,7 +72,7 @@ class Studio:
             self._cache[TRUTH] = result.image
             exposure = self.experiment.rendering.exposure
             if exposure is None:
-                exposure = rendering.display_exposure(result.image)
+                exposure = automatic_exposure(result.image)
             files = self._write(TRUTH, result.image, exposure)
             height, width, _ = result.image.shape
             record = self.parts.put(

@@ -27,6 +27,7 @@ from simrig.evaluation.experiment_config import (
 )
 from simrig.evaluation.experiment_parts import LEDGER, Steps
 from simrig.evaluation.experiment_results import accuracy_versus_cost, total_costs
+from simrig.evaluation.experiment_scenes import automatic_exposure
 from simrig.evaluation.experiment_subjects import largest_theta_deg, make_plans
 from simrig.evaluation.measured_half import MeasuredHalf
 from simrig.evaluation.mre import mre_exact
@@ -425,6 +426,15 @@ def test_totals_and_pareto_front() -> None:
         [],
         ["samples", "hardware_hours", "compute_seconds"],
     ]
+
+
+def test_a_highlight_does_not_leave_the_body_in_the_dark() -> None:
+    picture = np.full((10, 10, 3), 0.5)
+    assert automatic_exposure(picture) == pytest.approx(1.6)
+    picture[:2] = 8.0
+    assert automatic_exposure(picture) == pytest.approx(0.2)
+    picture[:2] = 1e3
+    assert automatic_exposure(picture) == pytest.approx(8.0 * 0.8e-3)
 
 
 @pytest.mark.slow
