@@ -60,7 +60,9 @@ class Reflectance(ABC):
             cache[float_type] = {k: to_device(v, float_type) for k, v in self.data().items()}
         return cache[float_type]
 
-    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Mapping[str, Array]:
+    def prepare(
+        self, data: Mapping[str, Array], differentiable: bool = True
+    ) -> Mapping[str, Array]:
         """Return the arrays that ``eval`` reads, derived from device copies of the data.
 
         By default these are the copies themselves. A reflectance that looks up faster in another
