@@ -6,8 +6,10 @@ function that ``register`` calls once per variant.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import gc
+from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import wraps
 from typing import Any
 
 import drjit as dr
@@ -24,6 +26,30 @@ from simrig.reflectance.protocol import Reflectance
 _TOLERATED_CHANGE = 0.1  # of an array under optimisation before the sampling is fitted again
 
 
+def _uncollected(method: Callable) -> Callable:
+    """Keep Python's cyclic garbage collector away while a method is traced.
+
+    Dr.Jit lists all BSDFs before it traces the first. A collection in between could free one of
+    the list, for example of a scene that only a traceback still held, and crash the process.
+    """
+
+    @wraps(method)
+    def traced(*arguments: Any) -> Any:
+        enabled = gc.isenabled()
+        gc.disable()
+        try:
+            return method(*arguments)
+        finally:
+            if enabled:
+                # moves young objects to the oldest generation, so that the allocations of this
+                # method do not start a collection on the way to the next BSDF
+                gc.freeze()
+                gc.unfreeze()
+                gc.enable()
+
+    return traced
+
+
 def define_adapter() -> type:
     """Return the adapter class for the current Mitsuba variant."""
     import mitsuba
@@ -34,6 +60,7 @@ def define_adapter() -> type:
         glossy | mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.Anisotropic | mi.BSDFFlags.FrontSide
     )
     is_jit = mi.Float is not float
+    guard = _uncollected if is_jit else lambda method: method
     upsample = Upsampler()
 
     class ReflectanceBSDF(mi.BSDF):
@@ -69,18 +96,21 @@ def define_adapter() -> type:
 
         # -- the interface of Mitsuba ------------------------------------------------------------
 
+        @guard
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0)
             active, local_i, local_o = self._local(si, wo, active)
             return self._value(ctx, si, local_i, local_o, active) & active
 
+        @guard
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Float(0.0)
             active, local_i, local_o = self._local(si, wo, active)
             return dr.select(active, self._density(local_i, local_o), 0.0)
 
+        @guard
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0), mi.Float(0.0)
@@ -88,6 +118,7 @@ def define_adapter() -> type:
             value = self._value(ctx, si, local_i, local_o, active) & active
             return value, dr.select(active, self._density(local_i, local_o), 0.0)
 
+        @guard
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
             bs = dr.zeros(mi.BSDFSample3f)
             if not self._enabled(ctx):
