@@ -1,6 +1,9 @@
 """Placement, adaptive sampling, the slice reflectance and the rig that measures it."""
 
 import itertools
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import drjit as dr
@@ -492,6 +495,38 @@ def test_interrupted_measurement_resumes_to_the_same_result(tmp_path: Path):
     np.testing.assert_array_equal(resumed.values, whole.values)
     np.testing.assert_array_equal(resumed.samples.angles, whole.samples.angles)
     assert not checkpoint.exists()
+
+
+SLOW_MEASUREMENT = """
+import sys, time
+from pathlib import Path
+from simrig.reflectance import kurt_material
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.sampling.placement import SlicePlacement
+
+placement = SlicePlacement.from_degrees(20, 60)
+Gonioreflectometer().measure(
+    kurt_material("fabric112"), placement, 2272, checkpoint=Path(sys.argv[1]),
+    progress=lambda done, total: time.sleep(0.0 if done < 1000 else 60.0),
+)
+"""
+
+
+def test_killed_measurement_resumes_to_the_same_result(tmp_path: Path):
+    checkpoint = tmp_path / "unfinished.h5"
+    process = subprocess.Popen([sys.executable, "-c", SLOW_MEASUREMENT, str(checkpoint)])
+    try:
+        deadline = time.monotonic() + 60.0
+        while not checkpoint.exists() and time.monotonic() < deadline:
+            time.sleep(0.02)
+    finally:
+        process.kill()
+        process.wait()
+    with h5py.File(checkpoint) as file:
+        assert 0 < len(file["values"]) < 2272
+    resumed = measured(checkpoint=checkpoint)
+    np.testing.assert_array_equal(resumed.values, measured().values)
+    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == []
 
 
 def test_checkpoint_of_another_measurement_is_refused(tmp_path: Path):

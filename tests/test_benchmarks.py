@@ -1,0 +1,59 @@
+"""The benchmarks run, compare what they say, and judge nothing by time."""
+
+import time
+
+import pytest
+
+from simrig.evaluation.benchmarks import BENCHMARKS, plugins, reconstruct, sampling, storage
+from simrig.evaluation.benchmarks.timing import side_by_side
+
+
+def test_every_benchmark_is_documented():
+    for module in BENCHMARKS.values():
+        assert module.__doc__ and callable(module.run) and callable(module.table)
+
+
+def test_first_call_and_steady_state_are_kept_apart():
+    calls = []
+
+    def job():
+        calls.append(1)
+        time.sleep(0.05 if len(calls) == 1 else 0.0)
+
+    timing = side_by_side({"job": job}, rounds=3)["job"]
+    assert len(calls) == 4 and timing.rounds == 3
+    assert timing.first >= 0.05
+    assert timing.fastest <= timing.median <= timing.slowest
+
+
+def test_both_ways_of_sampling_choose_the_same_directions():
+    results = sampling.run(samples=7500, rounds=1)
+    assert results["same_samples"]
+    assert sampling.table(results)
+
+
+def test_storage_is_that_of_table_d3():
+    results = storage.run()
+    for row in results["rows"]:
+        assert row["stored_bytes"] / 2**20 == pytest.approx(row["published_megabytes"], abs=0.05)
+        assert row["mre_percent"] < 1.5
+    assert storage.table(results)
+
+
+@pytest.mark.slow
+def test_reconstruction_benchmark_compares_methods_with_their_errors():
+    results = reconstruct.run(rounds=1)
+    errors = {row["method"]: row["mre_percent"] for row in results["rows"]}
+    assert errors["simrig"] < errors["SciPy RegularGridInterpolator"]
+    assert reconstruct.table(results)
+
+
+def test_plugin_benchmark_renders_every_material():
+    results = plugins.run(resolution=32, spp=1, rounds=1, variant="llvm_ad_rgb")
+    assert len(results["rows"]) == 2 * 2 * 7
+    for row in results["rows"]:
+        same = row["material"] in plugins.SAME_MATERIAL
+        assert (row["delta_e"] is not None) == same
+        if same:
+            assert row["delta_e"] < 6.0
+    assert plugins.table(results)
