@@ -116,8 +116,9 @@ def chi_square(
 
     def sample(u: Any) -> Any:
         bs, _ = bsdf.sample(context, make(dr.width(u)), u[0], mi.Point2f(u[1], u[2]))
-        # a direction that was drawn below the horizon has no density
-        return bs.wo, dr.select(bs.pdf > 0.0, mi.Float(1.0), 0.0)
+        # a direction that was drawn below the horizon has no density, and rounding puts one that
+        # was drawn just above it into the cell below
+        return bs.wo, dr.select((bs.pdf > 0.0) & (bs.wo.z > 1e-6), mi.Float(1.0), 0.0)
 
     def pdf(wo: Any) -> Any:
         return bsdf.pdf(context, make(dr.width(wo)), wo)
