@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import numpy as np
@@ -46,6 +47,20 @@ def variant_llvm() -> Iterator[str]:
     from simrig import backend
 
     yield backend.select("llvm_ad_rgb")
+
+
+@pytest.fixture(scope="session")
+def measured() -> Callable[..., Any]:
+    """Return a function that measures a built-in material along slices."""
+    from simrig.reflectance import kurt_material
+    from simrig.rigs.gonioreflectometer import Gonioreflectometer
+    from simrig.sampling.placement import SlicePlacement
+
+    def measure(name="fabric112", steps=(20, 60), samples=2272, **options):
+        placement = SlicePlacement.from_degrees(*steps)
+        return Gonioreflectometer().measure(kurt_material(name), placement, samples, **options)
+
+    return measure
 
 
 assert simrig.__version__

@@ -1,13 +1,8 @@
-"""Placement, adaptive sampling, the slice reflectance and the rig that measures it."""
+"""The reflectance that slices give, against D.1 written out and against itself."""
 
 import itertools
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import drjit as dr
-import h5py
 import numpy as np
 import pytest
 
@@ -15,173 +10,20 @@ from simrig import backend
 from simrig.directions import to_vector
 from simrig.errors import SimrigError
 from simrig.reconstruction.slices import reconstruct, slice_layout
-from simrig.reflectance import Lambert, evaluate, kurt_material
+from simrig.reflectance import Lambert, evaluate
 from simrig.reflectance.grid import dense_grid, to_dense
 from simrig.reflectance.slices import SliceReflectance
 from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.measurement import Measurement
-from simrig.rigs.timing import UTIA_TIMING
-from simrig.sampling.adaptive import capacity, leave_one_out_errors, sample_adaptively
 from simrig.sampling.placement import (
-    TABLE_5_1,
     SlicePlacement,
-    build_slices,
-    optimal_placement,
 )
 
 RIG = Gonioreflectometer()
 
 
-def measured(name="fabric112", steps=(20, 60), samples=2272, **options):
-    return RIG.measure(kurt_material(name), SlicePlacement.from_degrees(*steps), samples, **options)
-
-
 @pytest.fixture(scope="module")
-def fabric():
+def fabric(measured):
     return reconstruct(measured())
-
-
-# -- placement ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("steps", "count"),
-    [((28, 180), 55), ((14, 36), 3781), ((10, 36), 6641), ((6, 12), 177661), ((16, 60), None)],
-)
-def test_intersections_are_counted_as_in_the_thesis(steps, count):
-    placement = SlicePlacement.from_degrees(*steps)
-    distinct = np.unique(placement.corner_samples())
-    assert len(distinct) == placement.intersections == distinct[-1] + 1
-    assert count in (None, placement.intersections)
-
-
-def test_corners_of_one_sample_are_the_same_physical_pair():
-    placement = SlicePlacement.from_degrees(28, 60)
-    corners, angles = placement.corner_samples(), placement.corner_angles()
-    half = placement.azimuth_step / 2
-    for i, v, j, k in itertools.product(*map(range, corners.shape)):
-        theta = placement.elevations[[i, v]]
-        wi, wv = to_vector(theta, np.array([(k - j) * half, (k + j) * half]))
-        stored = angles[corners[i, v, j, k]]
-        si, sv = to_vector(stored[:2], stored[2:])
-        same = np.allclose(wi, si, atol=1e-9) and np.allclose(wv, sv, atol=1e-9)
-        exchanged = np.allclose(wi, sv, atol=1e-9) and np.allclose(wv, si, atol=1e-9)
-        assert same or exchanged
-
-
-@pytest.mark.parametrize("types", ["all", "axial_diagonal"])
-def test_knots_lie_where_the_slice_says(types):
-    placement = SlicePlacement.from_degrees(28, 36)
-    slices, angles = build_slices(placement, types), placement.corner_angles()
-    owner = np.repeat(np.arange(len(slices.kind)), np.diff(slices.first_knot))
-    along = slices.angles(owner, slices.position)
-    stored = angles[slices.sample]
-    wi, wv = to_vector(along[:, 0], along[:, 2]), to_vector(along[:, 1], along[:, 3])
-    si, sv = to_vector(stored[:, 0], stored[:, 2]), to_vector(stored[:, 1], stored[:, 3])
-    direct = np.abs(wi - si).max(axis=1) + np.abs(wv - sv).max(axis=1)
-    exchanged = np.abs(wi - sv).max(axis=1) + np.abs(wv - si).max(axis=1)
-    assert np.minimum(direct, exchanged).max() < 1e-9
-
-
-def test_table_5_1_is_followed():
-    for largest, e_s, a_s in TABLE_5_1[:-1]:
-        placement = optimal_placement(int(largest))
-        assert placement.elevation_step == pytest.approx(np.radians(e_s))
-        assert placement.azimuth_step == pytest.approx(np.radians(a_s))
-    assert optimal_placement(10**6).azimuth_step == pytest.approx(np.radians(12))
-    with pytest.raises(SimrigError, match="too few"):
-        optimal_placement(54)
-
-
-@pytest.mark.parametrize(
-    ("steps", "message"),
-    [
-        ((14, 35), "divide 360"),
-        ((14, 360), "at least 2"),
-        ((0, 36), "elevation step"),
-        ((90, 36), "elevation step"),
-        ((14, 36, 90), "theta_max"),
-        ((14, 36, 91), "theta_max"),
-        ((14, float("nan")), "divide 360"),
-    ],
-)
-def test_impossible_placements_are_refused(steps, message):
-    with pytest.raises(SimrigError, match=message):
-        SlicePlacement.from_degrees(*steps)
-
-
-# -- adaptive sampling -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("samples", [55, 56, 100, 667])
-def test_exactly_the_asked_number_is_measured_and_none_twice(samples):
-    found = measured(steps=(28, 180), samples=samples)
-    angles = found.samples.angles
-    wi, wv = to_vector(angles[:, 0], angles[:, 2]), to_vector(angles[:, 1], angles[:, 3])
-    keys = [
-        min((*np.round(a, 9), *np.round(b, 9)), (*np.round(b, 9), *np.round(a, 9)))
-        for a, b in zip(wi + 0.0, wv + 0.0, strict=True)
-    ]
-    assert len(angles) == samples == len(set(keys))
-
-
-def test_too_few_and_too_many_samples_are_refused():
-    with pytest.raises(SimrigError, match="too few"):
-        measured(steps=(28, 180), samples=54)
-    placement = SlicePlacement.from_degrees(28, 180)
-    with pytest.raises(SimrigError, match="more than the placement"):
-        sample_adaptively(
-            lambda a, _: np.ones((len(a), 3)), placement, 5000, minimum_step=np.radians(10)
-        )
-
-
-def test_every_place_can_be_filled():
-    placement = SlicePlacement.from_degrees(28, 180)
-    step = np.radians(10)
-    knots = measured(steps=(28, 180), samples=55).samples.knots
-    most = 55 + capacity(knots, step)
-    full = sample_adaptively(lambda a, _: np.ones((len(a), 3)), placement, most, minimum_step=step)[
-        0
-    ]
-    assert len(full.values) == most
-    assert capacity(full.knots, step) == 0
-
-
-def test_leave_one_out_is_zero_for_linear_slices_and_finds_a_spike():
-    placement = SlicePlacement.from_degrees(20, 60)
-    knots = measured(samples=700).samples.knots
-    assert np.all(leave_one_out_errors(knots, np.ones((700, 3))) == 0.0)
-    spike = np.ones((700, 3))
-    spike[knots.sample[knots.first[1] + 1], 1] = 1e5
-    error = leave_one_out_errors(knots, spike)
-    assert error.max() == pytest.approx(1e5 - 1.0)
-    assert placement.intersections <= 700
-
-
-def test_new_samples_gather_where_the_signal_bends():
-    def signal(angles, _):
-        sharp = np.exp(-((np.degrees(angles[:, 3] - angles[:, 2]) % 360 - 180) ** 2) / 50.0)
-        return np.repeat(sharp[:, None], 3, axis=1)
-
-    placement = SlicePlacement.from_degrees(40, 180)
-    found = sample_adaptively(signal, placement, 300)[0]
-    new = found.angles[placement.intersections :]
-    difference = np.abs(np.degrees(new[:, 3] - new[:, 2]) % 360 - 180)
-    assert np.mean(difference < 30) > 0.3  # 30° of 180° would be a sixth of them
-
-
-def test_many_materials_at_once_equal_each_alone():
-    placement = SlicePlacement.from_degrees(28, 60)
-    materials = [kurt_material(name) for name in ("yellow_satin", "wood01", "fabric002")]
-    together = RIG.measure_many(materials, placement, 700)
-    for material, found in zip(materials, together, strict=True):
-        alone = RIG.measure(material, placement, 700)
-        np.testing.assert_array_equal(found.samples.angles, alone.samples.angles)
-        np.testing.assert_array_equal(found.values, alone.values)
-        np.testing.assert_array_equal(found.samples.knots.position, alone.samples.knots.position)
-
-
-# -- the slice reflectance ---------------------------------------------------------------------
 
 
 def scalar_d1(reflectance, theta_i, phi_i, theta_v, phi_v):
@@ -260,7 +102,7 @@ def scalar_d1(reflectance, theta_i, phi_i, theta_v, phi_v):
     return np.maximum(p + q + s + t - 3 * c, np.min(lowest, axis=0))
 
 
-def test_look_up_equals_d1_written_out_at_grid_elevations(rng):
+def test_look_up_equals_d1_written_out_at_grid_elevations(rng, measured):
     result = reconstruct(measured(), one_pole=False)
     for _ in range(60):
         node = np.sort(rng.integers(0, result.layout.node_count, 2))
@@ -272,7 +114,7 @@ def test_look_up_equals_d1_written_out_at_grid_elevations(rng):
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
 
 
-def test_intersections_and_slices_are_reproduced():
+def test_intersections_and_slices_are_reproduced(measured):
     found = measured()
     result = reconstruct(found)
     count = found.placement.intersections
@@ -302,7 +144,7 @@ def test_reciprocal_non_negative_and_periodic(fabric, rng):
 
 
 @pytest.mark.parametrize("eps", [0.0, 1e-9])
-def test_the_pole_has_one_value_whatever_azimuth(fabric, eps):
+def test_the_pole_has_one_value_whatever_azimuth(fabric, eps, measured):
     azimuth = np.linspace(0, 2 * np.pi, 97)
     theta_v, phi_v = np.full(97, 0.7), np.full(97, 1.3)
     value = fabric.eval_angles(np.full(97, eps), azimuth, theta_v, phi_v)
@@ -351,7 +193,7 @@ def test_packed_tables_stay_within_their_stated_error(fabric, rng):
     assert np.mean(np.abs(packed - exact) / exact) < 2e-4
 
 
-def test_derivatives_by_every_table_agree_with_differences(rng):
+def test_derivatives_by_every_table_agree_with_differences(rng, measured):
     result = reconstruct(measured(steps=(40, 120), samples=200))
     types = backend.types("float64")
     wi, wv = (types.Array3(*w.T.copy()) for w in pairs(rng, 40, 75.0))
@@ -377,7 +219,7 @@ def test_derivatives_by_every_table_agree_with_differences(rng):
 
 @pytest.mark.parametrize("types", ["all", "axial_diagonal"])
 @pytest.mark.parametrize("one_pole", [True, False])
-def test_whole_arrays_equal_point_by_point(rng, types, one_pole):
+def test_whole_arrays_equal_point_by_point(rng, types, one_pole, measured):
     result = reconstruct(measured(slice_types=types), one_pole=one_pole)
     dense = to_dense(result, 5.0)
     assert dense.shape == (17, 17, 72, 72, 3)
@@ -391,7 +233,7 @@ def test_whole_arrays_equal_point_by_point(rng, types, one_pole):
     np.testing.assert_array_equal(dense, dense.transpose(1, 0, 3, 2, 4))
 
 
-def test_blended_arrays_equal_the_general_path(rng):
+def test_blended_arrays_equal_the_general_path(rng, measured):
     result = reconstruct(measured(), largest_node_step_deg=4.0)
     theta, phi = rng.integers(0, 21, (2, 3000)), rng.integers(0, 90, (2, 3000))
     dense = to_dense(result, 4.0)
@@ -445,144 +287,3 @@ def test_bad_tables_are_refused(fabric):
     parts["axial"] = parts["axial"][1:]
     with pytest.raises(SimrigError, match="shape"):
         SliceReflectance(fabric.layout, **parts)
-
-
-# -- the rig -----------------------------------------------------------------------------------
-
-
-def test_timing_matches_the_published_hours():
-    for samples, adaptive, hours in [(6561, False, 18), (8911, True, 25), (18721, True, 51)]:
-        assert UTIA_TIMING.seconds(samples, adaptive) / 3600 == pytest.approx(hours, rel=0.025)
-    ratio = UTIA_TIMING.seconds(8911, True) / UTIA_TIMING.seconds(8911, False)
-    assert ratio == pytest.approx(1.1)
-
-
-def test_elevations_out_of_reach_are_refused():
-    with pytest.raises(SimrigError, match=r"\[0, 90\) degrees, got 90"):
-        RIG.measure_directions(Lambert(), np.radians([[90.0, 10.0, 0.0, 0.0]]))
-    limited = Lambert()
-    limited.theta_max = np.radians(60.0)
-    with pytest.raises(SimrigError, match="data up to theta = 60"):
-        RIG.measure(limited, SlicePlacement.from_degrees(14, 36), 4000)
-
-
-def test_negative_material_is_refused():
-    class Negative(Lambert):
-        def eval(self, wi, wv, data=None):
-            return -super().eval(wi, wv, data)
-
-    with pytest.raises(SimrigError, match="negative or not finite at theta_i"):
-        RIG.measure(Negative(), SlicePlacement.from_degrees(28, 180), 100)
-
-
-def test_interrupted_measurement_resumes_to_the_same_result(tmp_path: Path):
-    whole = measured(samples=2000)
-    checkpoint = tmp_path / "unfinished.h5"
-
-    def interrupt(done, total):
-        if done > 1200:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        measured(samples=2000, checkpoint=checkpoint, progress=interrupt)
-    with h5py.File(checkpoint) as file:
-        assert 512 <= len(file["values"]) < 2000
-    counted = []
-    resumed = measured(
-        samples=2000, checkpoint=checkpoint, progress=lambda done, total: counted.append(done)
-    )
-    assert counted[0] > 600 and counted[-1] == 2000
-    np.testing.assert_array_equal(resumed.values, whole.values)
-    np.testing.assert_array_equal(resumed.samples.angles, whole.samples.angles)
-    assert not checkpoint.exists()
-
-
-SLOW_MEASUREMENT = """
-import sys, time
-from pathlib import Path
-from simrig.reflectance import kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
-
-placement = SlicePlacement.from_degrees(20, 60)
-Gonioreflectometer().measure(
-    kurt_material("fabric112"), placement, 2272, checkpoint=Path(sys.argv[1]),
-    progress=lambda done, total: time.sleep(0.0 if done < 1000 else 60.0),
-)
-"""
-
-
-def test_killed_measurement_resumes_to_the_same_result(tmp_path: Path):
-    checkpoint = tmp_path / "unfinished.h5"
-    process = subprocess.Popen([sys.executable, "-c", SLOW_MEASUREMENT, str(checkpoint)])
-    try:
-        deadline = time.monotonic() + 60.0
-        while not checkpoint.exists() and time.monotonic() < deadline:
-            time.sleep(0.02)
-    finally:
-        process.kill()
-        process.wait()
-    with h5py.File(checkpoint) as file:
-        assert 0 < len(file["values"]) < 2272
-    resumed = measured(checkpoint=checkpoint)
-    np.testing.assert_array_equal(resumed.values, measured().values)
-    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == []
-
-
-def test_checkpoint_of_another_measurement_is_refused(tmp_path: Path):
-    checkpoint = tmp_path / "unfinished.h5"
-
-    def interrupt(done, total):
-        if done > 800:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        measured(samples=2000, checkpoint=checkpoint, progress=interrupt)
-    for change in ({"samples": 2001}, {"name": "fabric135"}, {"k": 0.8}):
-        with pytest.raises(SimrigError, match="belongs to another measurement"):
-            measured(**({"samples": 2000} | change), checkpoint=checkpoint)
-    checkpoint.write_bytes(b"not a file")
-    with pytest.raises(SimrigError, match="is not an HDF5 file"):
-        measured(samples=2000, checkpoint=checkpoint)
-
-
-def test_measurement_survives_saving(tmp_path: Path):
-    found = measured(samples=700)
-    path = tmp_path / "m.h5"
-    found.save(path)
-    loaded = Measurement.load(path)
-    np.testing.assert_array_equal(loaded.values, found.values)
-    assert loaded.placement == found.placement and loaded.cost == found.cost
-    assert loaded.provenance == found.provenance
-    again = reconstruct(loaded)
-    for key, value in reconstruct(found).data().items():
-        np.testing.assert_array_equal(again.data()[key], value)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda f: f.attrs.__setitem__("format_version", 99), "format version 99"),
-        (lambda f: f.attrs.__setitem__("content", "holiday pictures"), "expected a measurement"),
-        (lambda f: f.__delitem__("values"), "damaged"),
-        (lambda f: f["values"].__setitem__(3, np.nan), "NaN"),
-        (lambda f: f["knot_sample"].__setitem__(0, 10**9), "do not fit"),
-        (lambda f: f["knot_position"].__setitem__(1, 0.0), "do not ascend"),
-        (lambda f: f.attrs.__setitem__("azimuth_step", 0.3), "divide 360"),
-    ],
-)
-def test_damaged_measurements_are_refused(tmp_path: Path, change, message):
-    path = tmp_path / "m.h5"
-    measured(samples=700).save(path)
-    with h5py.File(path, "r+") as file:
-        change(file)
-    with pytest.raises(SimrigError, match=message):
-        Measurement.load(path)
-
-
-def test_truncated_measurement_is_refused(tmp_path: Path):
-    path = tmp_path / "m.h5"
-    measured(samples=700).save(path)
-    path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(SimrigError, match="damaged"):
-        Measurement.load(path)

@@ -128,8 +128,8 @@ def reconstruct_slices(
     }
     azimuth = np.arange(azimuth_samples) * (2.0 * np.pi / azimuth_samples)
     shapes = layout.shapes()
-    axial = _fill(interpolate, _axial_rows(layout, number), azimuth, shapes["axial"])
-    diagonal = _fill(interpolate, _diagonal_rows(layout, number), azimuth, shapes["diagonal"])
+    axial = _fill(interpolate, _rows(layout, number, AXIAL), azimuth, shapes["axial"])
+    diagonal = _fill(interpolate, _rows(layout, number, DIAGONAL), azimuth, shapes["diagonal"])
     corners = samples.values[_corner_table(placement)]
     axial[0], diagonal[0] = samples.values[0], samples.values[0]  # both directions at the pole
     horizontal = None
@@ -154,33 +154,21 @@ def _pairs(layout: SliceLayout) -> list[tuple[int, int]]:
     return [(i, v) for v in range(layout.elevation_count) for i in range(v + 1)]
 
 
-def _axial_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.ndarray]:
-    """Return which slice fills every axial row, and by how much its position is shifted."""
+def _rows(layout: SliceLayout, number: dict, kind: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return which slice fills every axial or diagonal row, and the shift of its position."""
     a_n, half = layout.azimuth_count, 0.5 * layout.azimuth_step
     rows = []
     for i, v in _pairs(layout):
-        for j in range(a_n + 1):
-            own, shift = (0, np.pi) if j == a_n else (j, 0.0)
-            if i == 0:
-                rows.append((number.get((CIRCLE, 0, v, 0, 0), 0), j * half))
-            elif i == v and 2 * own > a_n:  # α and −α are one slice, half a turn apart
+        for row in range(a_n + 1):
+            own, shift = (0, np.pi) if row == a_n else (row, 0.0)
+            if i == 0:  # a circle; that of (0, 0) is filled by the caller
+                rows.append((number.get((CIRCLE, 0, v, 0, 0), 0), row * half))
+            elif kind == AXIAL and i == v and 2 * own > a_n:  # α and −α are one, half a turn apart
                 rows.append((number[AXIAL, i, v, a_n - own, 0], shift + np.pi))
             else:
-                rows.append((number[AXIAL, i, v, own, 0], shift))
-    return tuple(map(np.array, zip(*rows, strict=True)))  # type: ignore[return-value]
-
-
-def _diagonal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.ndarray]:
-    a_n, half = layout.azimuth_count, 0.5 * layout.azimuth_step
-    rows = []
-    for i, v in _pairs(layout):
-        for b in range(a_n + 1):
-            own, shift = (0, np.pi) if b == a_n else (b, 0.0)
-            if i == 0:
-                rows.append((number.get((CIRCLE, 0, v, 0, 0), 0), b * half))
-            else:
-                rows.append((number[DIAGONAL, i, v, own, 0], shift))
-    return tuple(map(np.array, zip(*rows, strict=True)))  # type: ignore[return-value]
+                rows.append((number[kind, i, v, own, 0], shift))
+    slice_index, shifts = zip(*rows, strict=True)
+    return np.array(slice_index), np.array(shifts)
 
 
 def _horizontal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.ndarray]:

@@ -27,6 +27,12 @@ from simrig.arrays import (
 from simrig.errors import SimrigError
 
 
+def slice_elevations(elevation_step: float, theta_max: float) -> np.ndarray:
+    """Return the elevations of slices, (e_n,): multiples of the step, and theta_max (radians)."""
+    count = int(np.ceil(theta_max / elevation_step - 1e-9))
+    return np.append(np.arange(count) * elevation_step, theta_max)
+
+
 @dataclass(frozen=True)
 class SliceLayout:
     """Where the values of a slice reflectance lie.
@@ -80,8 +86,7 @@ class SliceLayout:
     @cached_property
     def knots(self) -> np.ndarray:
         """Measured elevations in radians, (e_n,)."""
-        count = int(np.ceil(self.theta_max / self.elevation_step - 1e-9))
-        return np.append(np.arange(count) * self.elevation_step, self.theta_max)
+        return slice_elevations(self.elevation_step, self.theta_max)
 
     @property
     def elevation_count(self) -> int:

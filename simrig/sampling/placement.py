@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simrig.errors import SimrigError, unknown_name
+from simrig.reflectance.slice_layout import slice_elevations
 
 AXIAL, DIAGONAL, CIRCLE, HORIZONTAL = range(4)
 KIND_NAMES = ("axial", "diagonal", "circle", "horizontal")
@@ -102,8 +103,7 @@ class SlicePlacement:
     @cached_property
     def elevations(self) -> np.ndarray:
         """All measured elevations in radians, shape (e_n,), from 0 to theta_max."""
-        count = int(np.ceil(self.theta_max / self.elevation_step - 1e-9))
-        return np.append(np.arange(count) * self.elevation_step, self.theta_max)
+        return slice_elevations(self.elevation_step, self.theta_max)
 
     @property
     def elevation_count(self) -> int:

@@ -1,0 +1,160 @@
+"""The gonioreflectometer: reach, time, interruption, files."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from simrig.errors import SimrigError
+from simrig.reconstruction.slices import reconstruct
+from simrig.reflectance import Lambert
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurement import Measurement
+from simrig.rigs.timing import UTIA_TIMING
+from simrig.sampling.placement import (
+    SlicePlacement,
+)
+
+RIG = Gonioreflectometer()
+
+
+def test_timing_matches_the_published_hours():
+    for samples, adaptive, hours in [(6561, False, 18), (8911, True, 25), (18721, True, 51)]:
+        assert UTIA_TIMING.seconds(samples, adaptive) / 3600 == pytest.approx(hours, rel=0.025)
+    ratio = UTIA_TIMING.seconds(8911, True) / UTIA_TIMING.seconds(8911, False)
+    assert ratio == pytest.approx(1.1)
+
+
+def test_elevations_out_of_reach_are_refused():
+    with pytest.raises(SimrigError, match=r"\[0, 90\) degrees, got 90"):
+        RIG.measure_directions(Lambert(), np.radians([[90.0, 10.0, 0.0, 0.0]]))
+    limited = Lambert()
+    limited.theta_max = np.radians(60.0)
+    with pytest.raises(SimrigError, match="data up to theta = 60"):
+        RIG.measure(limited, SlicePlacement.from_degrees(14, 36), 4000)
+
+
+def test_negative_material_is_refused():
+    class Negative(Lambert):
+        def eval(self, wi, wv, data=None):
+            return -super().eval(wi, wv, data)
+
+    with pytest.raises(SimrigError, match="negative or not finite at theta_i"):
+        RIG.measure(Negative(), SlicePlacement.from_degrees(28, 180), 100)
+
+
+def test_interrupted_measurement_resumes_to_the_same_result(tmp_path: Path, measured):
+    whole = measured(samples=2000)
+    checkpoint = tmp_path / "unfinished.h5"
+
+    def interrupt(done, total):
+        if done > 1200:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        measured(samples=2000, checkpoint=checkpoint, progress=interrupt)
+    with h5py.File(checkpoint) as file:
+        assert 512 <= len(file["values"]) < 2000
+    counted = []
+    resumed = measured(
+        samples=2000, checkpoint=checkpoint, progress=lambda done, total: counted.append(done)
+    )
+    assert counted[0] > 600 and counted[-1] == 2000
+    np.testing.assert_array_equal(resumed.values, whole.values)
+    np.testing.assert_array_equal(resumed.samples.angles, whole.samples.angles)
+    assert not checkpoint.exists()
+
+
+SLOW_MEASUREMENT = """
+import sys, time
+from pathlib import Path
+from simrig.reflectance import kurt_material
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.sampling.placement import SlicePlacement
+
+placement = SlicePlacement.from_degrees(20, 60)
+Gonioreflectometer().measure(
+    kurt_material("fabric112"), placement, 2272, checkpoint=Path(sys.argv[1]),
+    progress=lambda done, total: time.sleep(0.0 if done < 1000 else 60.0),
+)
+"""
+
+
+def test_killed_measurement_resumes_to_the_same_result(tmp_path: Path, measured):
+    checkpoint = tmp_path / "unfinished.h5"
+    process = subprocess.Popen([sys.executable, "-c", SLOW_MEASUREMENT, str(checkpoint)])
+    try:
+        deadline = time.monotonic() + 60.0
+        while not checkpoint.exists() and time.monotonic() < deadline:
+            time.sleep(0.02)
+    finally:
+        process.kill()
+        process.wait()
+    with h5py.File(checkpoint) as file:
+        assert 0 < len(file["values"]) < 2272
+    resumed = measured(checkpoint=checkpoint)
+    np.testing.assert_array_equal(resumed.values, measured().values)
+    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == []
+
+
+def test_checkpoint_of_another_measurement_is_refused(tmp_path: Path, measured):
+    checkpoint = tmp_path / "unfinished.h5"
+
+    def interrupt(done, total):
+        if done > 800:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        measured(samples=2000, checkpoint=checkpoint, progress=interrupt)
+    for change in ({"samples": 2001}, {"name": "fabric135"}, {"k": 0.8}):
+        with pytest.raises(SimrigError, match="belongs to another measurement"):
+            measured(**({"samples": 2000} | change), checkpoint=checkpoint)
+    checkpoint.write_bytes(b"not a file")
+    with pytest.raises(SimrigError, match="is not an HDF5 file"):
+        measured(samples=2000, checkpoint=checkpoint)
+
+
+def test_measurement_survives_saving(tmp_path: Path, measured):
+    found = measured(samples=700)
+    path = tmp_path / "m.h5"
+    found.save(path)
+    loaded = Measurement.load(path)
+    np.testing.assert_array_equal(loaded.values, found.values)
+    assert loaded.placement == found.placement and loaded.cost == found.cost
+    assert loaded.provenance == found.provenance
+    again = reconstruct(loaded)
+    for key, value in reconstruct(found).data().items():
+        np.testing.assert_array_equal(again.data()[key], value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.attrs.__setitem__("format_version", 99), "format version 99"),
+        (lambda f: f.attrs.__setitem__("content", "holiday pictures"), "expected a measurement"),
+        (lambda f: f.__delitem__("values"), "damaged"),
+        (lambda f: f["values"].__setitem__(3, np.nan), "NaN"),
+        (lambda f: f["knot_sample"].__setitem__(0, 10**9), "do not fit"),
+        (lambda f: f["knot_position"].__setitem__(1, 0.0), "do not ascend"),
+        (lambda f: f.attrs.__setitem__("azimuth_step", 0.3), "divide 360"),
+    ],
+)
+def test_damaged_measurements_are_refused(tmp_path: Path, change, message, measured):
+    path = tmp_path / "m.h5"
+    measured(samples=700).save(path)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(SimrigError, match=message):
+        Measurement.load(path)
+
+
+def test_truncated_measurement_is_refused(tmp_path: Path, measured):
+    path = tmp_path / "m.h5"
+    measured(samples=700).save(path)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(SimrigError, match="damaged"):
+        Measurement.load(path)
