@@ -34,6 +34,7 @@ from simrig.sampling.placement import SLICE_TYPES
 from simrig.scenes import SCENES
 
 _LARGEST_FILE = 1 << 20  # bytes; an experiment is a page of text
+BOTH_SLICE_TYPES = "both"  # measure with each of them, to compare
 SMALLEST_PICTURE = 11  # pixels; the window of SSIM
 
 
@@ -47,7 +48,7 @@ class MeasurementSettings(Section):
             neither. Without them thesis Table 5.1 chooses.
         theta_max_deg: largest elevation in degrees; by default 80, or that of the data, rounded
             down to whole degrees, where it ends earlier.
-        slice_types: ``"all"`` or ``"axial_diagonal"``.
+        slice_types: ``"all"``, ``"axial_diagonal"``, or ``"both"`` for a measurement with each.
         k, p_1, p_2: parameters of thesis algorithm 5.1.
         baseline: also measure a regular grid with about as many samples, for comparison.
     """
@@ -58,7 +59,7 @@ class MeasurementSettings(Section):
     elevation_step_deg: float | None = setting(optional(number(0.5, 89.0)), None)
     azimuth_step_deg: float | None = setting(optional(number(1.0, 180.0)), None)
     theta_max_deg: float | None = setting(optional(number(1.0, 89.0), "auto"), None)
-    slice_types: str = setting(choice(SLICE_TYPES), "all")
+    slice_types: str = setting(choice((*SLICE_TYPES, BOTH_SLICE_TYPES)), "all")
     k: float = setting(number(0.0, 1.0), 0.9)
     p_1: int = setting(integer(0, 1000), 5)
     p_2: int = setting(integer(0, 1000), 5)
@@ -327,7 +328,7 @@ def _toml_lines(values: Mapping[str, Any]) -> str:
 
 
 def demo_experiment(material: str | None = None) -> Experiment:
-    """Return the experiment of ``simrig demo``.
+    """Return the experiment of ``simrig demo``, which compares every method.
 
     Args:
         material: name of a built-in material, or a file; by default one whose anisotropic
@@ -336,7 +337,8 @@ def demo_experiment(material: str | None = None) -> Experiment:
     Raises:
         SimrigError: neither a known material nor a file.
     """
-    experiment = Experiment(material=material or DEMO_MATERIAL)
+    measurement = MeasurementSettings(slice_types=BOTH_SLICE_TYPES)
+    experiment = Experiment(material=material or DEMO_MATERIAL, measurement=measurement)
     return experiment._found_beside(Path.cwd())
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from simrig.cost import Cost
 from simrig.data.hdf5 import write_reflectance
 from simrig.errors import SimrigError
-from simrig.evaluation.experiment_config import MeasurementSettings
+from simrig.evaluation.experiment_config import BOTH_SLICE_TYPES, MeasurementSettings
 from simrig.evaluation.experiment_parts import CHECKPOINT, Parts, Steps
 from simrig.evaluation.uniform_table import UniformPlan, measure_uniform, uniform_plan
 from simrig.reconstruction.slices import reconstruct
@@ -23,7 +23,12 @@ from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.measurement import Measurement
 from simrig.sampling.placement import SlicePlacement, optimal_placement
 
-METHODS = {"slices": "adaptive slices", "uniform": "regular grid"}
+METHODS = {
+    "slices": "adaptive slices",
+    "axial": "axial and diagonal slices",
+    "uniform": "regular grid",
+}
+SLICE_METHODS = {"slices": "all", "axial": "axial_diagonal"}  # with the slices that each measures
 LARGEST_THETA_DEG = 80.0  # that of the thesis; real arms do not reach much further
 _ROUNDING_DEG = 5e-5  # files often hold angles as float32
 
@@ -34,7 +39,7 @@ class Plan:
 
     Attributes:
         key: a name for files.
-        method: ``"slices"`` or ``"uniform"``.
+        method: one of ``METHODS``.
         samples: how many it takes.
         layout: where they lie.
     """
@@ -86,11 +91,14 @@ def largest_theta_deg(truth: Reflectance, wished: float | None) -> float:
 
 
 def make_plans(settings: MeasurementSettings, theta_max_deg: float) -> list[Plan]:
-    """Return all measurements of an experiment, each adaptive one followed by its baseline.
+    """Return all measurements of an experiment: for each number of samples the adaptive ones, then
+    their baseline.
 
     Raises:
         SimrigError: too few samples for their placement.
     """
+    wished = settings.slice_types
+    adaptive = [m for m, types in SLICE_METHODS.items() if wished in (types, BOTH_SLICE_TYPES)]
     plans = []
     for count in settings.samples:
         if settings.elevation_step_deg is None or settings.azimuth_step_deg is None:
@@ -103,7 +111,7 @@ def make_plans(settings: MeasurementSettings, theta_max_deg: float) -> list[Plan
                 f"{count} samples are too few: {placement.describe()} has "
                 f"{placement.intersections} intersections, all of which are measured"
             )
-        plans.append(Plan(f"slices-{count}", "slices", count, placement))
+        plans += [Plan(f"{method}-{count}", method, count, placement) for method in adaptive]
         if settings.baseline:
             grid = uniform_plan(count, float(np.radians(theta_max_deg)))
             plans.append(Plan(f"uniform-{grid.samples}", "uniform", grid.samples, grid))
@@ -160,7 +168,7 @@ class Laboratory:
             self.truth,
             placement,
             plan.samples,
-            slice_types=self.settings.slice_types,
+            slice_types=SLICE_METHODS[plan.method],
             k=self.settings.k,
             p_1=self.settings.p_1,
             p_2=self.settings.p_2,
@@ -189,7 +197,7 @@ class Laboratory:
         about = {"material": self.truth.name, "plan": plan.layout.describe(), "label": plan.label}
         write_reflectance(path, reflectance, about)
         files = {"reconstruction": f"reconstructions/{path.name}"}
-        if plan.method == "slices":
+        if plan.method in SLICE_METHODS:
             files["measurement"] = f"measurements/{plan.key}.h5"
         return self.parts.put(
             name,

@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 
 from simrig.evaluation.environment import BUILTIN
-from simrig.evaluation.experiment_subjects import METHODS, Subject
+from simrig.evaluation.experiment_subjects import METHODS, SLICE_METHODS, Subject
 from simrig.evaluation.report_pictures import brdf_pictures, cost_plots, data_uri, slices_picture
 from simrig.reflectance.protocol import Reflectance
 
@@ -38,22 +38,43 @@ def render(
     by_method = {m: [s for s in subjects if s.plan.method == m] for m in METHODS}
     by_method = {method: own for method, own in by_method.items() if own}
     finest = {own[-1].plan.key: own[-1].reflectance for own in by_method.values()}
-    measured = [s.measurement for s in subjects if s.measurement is not None]
+    rows = results["accuracy_versus_cost"]
+    ranking = slice_ranking(rows)
+    drawn = by_method[ranking[0]["method"]]
+    measured = [s.measurement for s in drawn if s.measurement is not None]
     scale = results["experiment"]["rendering"]["difference_scale"]
     context = {
         "r": results,
         "methods": {m: [records[s.plan.key] for s in own] for m, own in by_method.items()},
         "names": METHODS,
+        "ranking": ranking,
         "titles": {key: scene_title(scene) for key, scene in results["scenes"].items()},
         "picture": lambda file: data_uri((folder / file).read_bytes()),
         # the middle one: enough samples to see a pattern, few enough to see dots
         "slices": slices_picture(truth, measured[len(measured) // 2]),
         "brdf": brdf_pictures(truth, finest, results["theta_max_deg"], scale),
         "records": records,
-        "plots": cost_plots(results["accuracy_versus_cost"], METHODS),
+        "plots": cost_plots(rows, METHODS),
         "settings": settings,
     }
     return _environment().get_template("report.html").render(context)
+
+
+def slice_ranking(
+    rows: Sequence[Mapping[str, Any]],
+) -> tuple[Mapping[str, Any], Mapping[str, Any] | None]:
+    """Return which set of slices gave the better pictures, and the other where there are two.
+
+    Args:
+        rows: ``accuracy_versus_cost`` of the results, ascending in samples.
+
+    Returns:
+        The rows of the largest number of samples, that of the smaller mean ΔE first; of equal
+        ones the full set.
+    """
+    largest = {row["method"]: row for row in rows if row["method"] in SLICE_METHODS}
+    ranked = sorted(largest.values(), key=lambda row: row["delta_e"])
+    return ranked[0], ranked[1] if len(ranked) > 1 else None
 
 
 @cache

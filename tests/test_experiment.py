@@ -28,7 +28,7 @@ from simrig.evaluation.experiment_config import (
 from simrig.evaluation.experiment_parts import LEDGER, Steps
 from simrig.evaluation.experiment_results import accuracy_versus_cost, total_costs
 from simrig.evaluation.experiment_scenes import automatic_exposure
-from simrig.evaluation.experiment_subjects import largest_theta_deg, make_plans
+from simrig.evaluation.experiment_subjects import SLICE_METHODS, largest_theta_deg, make_plans
 from simrig.evaluation.measured_half import MeasuredHalf
 from simrig.evaluation.mre import mre_exact
 from simrig.evaluation.uniform_table import measure_uniform, uniform_plan
@@ -258,6 +258,10 @@ REFUSED: dict[str, tuple[str, str]] = {
         'material = "wood01"\n[reconstruction]\ninterpolation = "cubik"',
         "did you mean 'cubic'",
     ),
+    "unknown slices": (
+        'material = "wood01"\n[measurement]\nslice_types = "axial"',
+        "unknown value of 'slice_types'",
+    ),
     "odd step": ('material = "wood01"\n[comparison]\nstep_deg = 7', "must divide 360"),
     "unknown variant": ('material = "wood01"\nvariant = "llvm"', "did you mean 'llvm_ad_rgb'"),
     "scenes that are no list": ('material = "wood01"\nscenes = 3', r"\[\[scenes\]\]"),
@@ -319,6 +323,39 @@ def test_theta_max_follows_the_data() -> None:
     assert largest_theta_deg(truth, None) == 75.0
     with pytest.raises(SimrigError, match="data of 'wood01' end at 75"):
         largest_theta_deg(truth, 76.0)
+
+
+@pytest.mark.parametrize(
+    ("slice_types", "methods"),
+    [("all", ["slices"]), ("axial_diagonal", ["axial"]), ("both", ["slices", "axial"])],
+)
+def test_slice_types_decide_the_methods(slice_types: str, methods: list[str]) -> None:
+    plans = make_plans(MeasurementSettings((700, 900), slice_types=slice_types), 80.0)
+    assert [plan.method for plan in plans] == [*methods, "uniform"] * 2
+    assert [p.key for p in plans if p.samples == 900] == [f"{name}-900" for name in methods]
+    assert len({plan.label for plan in plans}) == len({plan.key for plan in plans}) == len(plans)
+
+
+def test_the_demo_compares_both_sets_of_slices() -> None:
+    assert demo_experiment().measurement.slice_types == "both"
+
+
+@pytest.mark.usefixtures("no_report")
+def test_each_set_of_slices_is_measured_and_rebuilt_on_its_own(
+    finished: tuple, tmp_path: Path
+) -> None:
+    measurement = MeasurementSettings(samples=(700,), slice_types="both", baseline=False)
+    results = run_experiment(replace(SMALL, measurement=measurement), tmp_path)
+    full, axial = results["reconstructions"]
+    for record in (full, axial):
+        measured = Measurement.load(tmp_path / record["files"]["measurement"])
+        assert measured.slice_types == SLICE_METHODS[record["method"]]
+        assert len(measured.values) == record["samples"] == 700
+    assert axial["label"] == "axial and diagonal slices, 700 samples"
+    # the full set is what it is without the other one beside it
+    alone = finished[1]["reconstructions"][0]
+    assert full["reflectance"]["mre_percent"] == alone["reflectance"]["mre_percent"]
+    assert axial["reflectance"]["mre_percent"] != full["reflectance"]["mre_percent"]
 
 
 def test_explicit_steps_are_used() -> None:

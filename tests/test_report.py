@@ -7,6 +7,7 @@ import html.parser
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,7 +19,14 @@ from simrig.evaluation.experiment_config import (
     RenderingSettings,
     SceneSettings,
 )
-from simrig.evaluation.report import metric, plain, scene_title, significant, size
+from simrig.evaluation.report import (
+    metric,
+    plain,
+    scene_title,
+    significant,
+    size,
+    slice_ranking,
+)
 
 HOSTILE = '<script src="http://example.com/x.js">alert("&")</script>'
 EXPERIMENT = Experiment(
@@ -50,6 +58,10 @@ class Reader(html.parser.HTMLParser):
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag, f"</{tag}> closes nothing"
+
+    def pictures_of(self, label: str) -> int:
+        """Return how many pictures are described by a label alone: one per scene."""
+        return sum(tag == "img" and attributes.get("alt") == label for tag, attributes in self.tags)
 
     def handle_data(self, data: str) -> None:
         self.text += data
@@ -96,10 +108,12 @@ def test_figures_stand_beside_their_cost(report: str) -> None:
     assert not re.search(r"\bNone\b|\bnan\b|\binf\b|Undefined", text)
 
 
-def test_the_report_without_baseline_and_exact_errors(tmp_path: Path) -> None:
+def test_the_report_of_one_set_of_slices_without_baseline_and_exact_errors(tmp_path: Path) -> None:
     plain_one = replace(
         EXPERIMENT,
-        measurement=MeasurementSettings(samples=(700,), baseline=False),
+        measurement=MeasurementSettings(
+            samples=(700,), slice_types="axial_diagonal", baseline=False
+        ),
         comparison=ComparisonSettings(exact=False, estimate_samples=2000, step_deg=20.0),
     )
     run_experiment(plain_one, tmp_path)
@@ -107,6 +121,32 @@ def test_the_report_without_baseline_and_exact_errors(tmp_path: Path) -> None:
     assert "±" in text
     assert "exact" not in text.replace("exact = false", "")
     assert "egular grid" not in text
+    assert "Axial and diagonal slices, 700 samples" in text
+    assert "Which slices?" not in text
+    assert "daptive slices" not in text
+
+
+def test_the_report_shows_both_sets_of_slices_and_says_which_is_better(tmp_path: Path) -> None:
+    measurement = MeasurementSettings(samples=(700,), slice_types="both")
+    results = run_experiment(replace(EXPERIMENT, measurement=measurement), tmp_path)
+    reader = Reader((tmp_path / "report.html").read_text())
+    text = " ".join(reader.text.split())
+    errors = {row["method"]: significant(row["delta_e"]) for row in results["accuracy_versus_cost"]}
+    assert reader.pictures_of("adaptive slices, 700 samples") == 1
+    assert reader.pictures_of("axial and diagonal slices, 700 samples") == 1
+    best, other = sorted((errors["slices"], errors["axial"]), key=float)
+    assert f"(mean ΔE {best} against {other} from" in text
+
+
+def test_the_better_set_of_slices_comes_first() -> None:
+    def row(method: str, samples: int, delta_e: float) -> dict[str, Any]:
+        return {"method": method, "samples": samples, "delta_e": delta_e}
+
+    few = [row("slices", 10, 0.1), row("axial", 10, 0.2), row("uniform", 9, 0.01)]
+    full, axial, grid = row("slices", 20, 0.6), row("axial", 20, 0.5), row("uniform", 18, 0.01)
+    assert slice_ranking([*few, full, axial, grid]) == (axial, full)
+    assert slice_ranking([*few, full, {**axial, "delta_e": 0.6}])[0] == full
+    assert slice_ranking([axial, grid]) == (axial, None)
 
 
 @pytest.mark.parametrize(
