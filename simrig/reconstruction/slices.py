@@ -16,6 +16,7 @@ from simrig.sampling.placement import (
     DIAGONAL,
     HORIZONTAL,
     SlicePlacement,
+    Slices,
     build_slices,
 )
 
@@ -122,29 +123,42 @@ def reconstruct_slices(
     slices = build_slices(placement, slice_types)
     layout = slice_layout(placement, azimuth_samples, largest_node_step_deg, one_pole)
     interpolate = SliceInterpolator(samples.knots, samples.values, interpolation)
-    number = {
-        (int(kind), *map(int, index)): s
-        for s, (kind, index) in enumerate(zip(slices.kind, slices.index, strict=True))
-    }
+    number = slice_numbers(slices)
     azimuth = np.arange(azimuth_samples) * (2.0 * np.pi / azimuth_samples)
     shapes = layout.shapes()
-    axial = _fill(interpolate, _rows(layout, number, AXIAL), azimuth, shapes["axial"])
-    diagonal = _fill(interpolate, _rows(layout, number, DIAGONAL), azimuth, shapes["diagonal"])
+    axial = fill_rows(interpolate, _rows(layout, number, AXIAL), azimuth, shapes["axial"])
+    diagonal = fill_rows(interpolate, _rows(layout, number, DIAGONAL), azimuth, shapes["diagonal"])
     corners = samples.values[_corner_table(placement)]
     axial[0], diagonal[0] = samples.values[0], samples.values[0]  # both directions at the pole
     horizontal = None
     if slice_types == "all":
         rows = _horizontal_rows(layout, number)
-        horizontal = _fill(interpolate, rows, layout.nodes, shapes["horizontal"])
+        horizontal = fill_rows(interpolate, rows, layout.nodes, shapes["horizontal"])
     return SliceReflectance(layout, corners, axial, diagonal, horizontal, name)
 
 
-def _fill(
+def slice_numbers(slices: Slices) -> dict[tuple[int, ...], int]:
+    """Return the number of every slice by its kind and indices."""
+    return {
+        (int(kind), *map(int, index)): s
+        for s, (kind, index) in enumerate(zip(slices.kind, slices.index, strict=True))
+    }
+
+
+def fill_rows(
     interpolate: SliceInterpolator,
     rows: tuple[np.ndarray, np.ndarray],
     position: np.ndarray,
     shape: tuple[int, ...],
 ) -> np.ndarray:
+    """Return slices at regular positions, float32 of the given shape, kept at or above 0.
+
+    Args:
+        interpolate: the slices.
+        rows: which slice fills each row, and the shift of its position in radians.
+        position: (M,) positions in radians.
+        shape: shape of the result.
+    """
     slice_index, shift = rows
     values = interpolate(slice_index, position + shift[:, None])
     return np.maximum(values, 0.0).astype(np.float32).reshape(shape)
@@ -156,17 +170,31 @@ def _pairs(layout: SliceLayout) -> list[tuple[int, int]]:
 
 def _rows(layout: SliceLayout, number: dict, kind: int) -> tuple[np.ndarray, np.ndarray]:
     """Return which slice fills every axial or diagonal row, and the shift of its position."""
-    a_n, half = layout.azimuth_count, 0.5 * layout.azimuth_step
-    rows = []
-    for i, v in _pairs(layout):
-        for row in range(a_n + 1):
-            own, shift = (0, np.pi) if row == a_n else (row, 0.0)
-            if i == 0:  # a circle; that of (0, 0) is filled by the caller
-                rows.append((number.get((CIRCLE, 0, v, 0, 0), 0), row * half))
-            elif kind == AXIAL and i == v and 2 * own > a_n:  # α and −α are one, half a turn apart
-                rows.append((number[AXIAL, i, v, a_n - own, 0], shift + np.pi))
-            else:
-                rows.append((number[kind, i, v, own, 0], shift))
+    pairs = [pair_rows(pair, layout.azimuth_count, number, kind) for pair in _pairs(layout)]
+    slice_index, shifts = zip(*pairs, strict=True)
+    return np.concatenate(slice_index), np.concatenate(shifts)
+
+
+def pair_rows(
+    pair: tuple[int, int], a_n: int, number: dict, kind: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which slice fills every row of one subspace, and the shift of its position.
+
+    Args:
+        pair: numbers of the two elevations.
+        a_n: slices of one kind.
+        number: slices by kind and indices.
+        kind: AXIAL or DIAGONAL.
+    """
+    (i, v), half, rows = pair, np.pi / a_n, []
+    for row in range(a_n + 1):
+        own, shift = (0, np.pi) if row == a_n else (row, 0.0)
+        if i == 0:  # a circle; that of (0, 0) is filled by the caller
+            rows.append((number.get((CIRCLE, 0, v, 0, 0), 0), row * half))
+        elif kind == AXIAL and i == v and 2 * own > a_n:  # α and −α are one, half a turn apart
+            rows.append((number[AXIAL, i, v, a_n - own, 0], shift + np.pi))
+        else:
+            rows.append((number[kind, i, v, own, 0], shift))
     slice_index, shifts = zip(*rows, strict=True)
     return np.array(slice_index), np.array(shifts)
 
@@ -185,8 +213,15 @@ def _horizontal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.
 def _corner_table(placement: SlicePlacement) -> np.ndarray:
     """Return the sample at every stored intersection, (pairs, a_n + 1, 2·a_n + 1)."""
     corners = placement.corner_samples()
-    a_n, turn = placement.azimuth_count, 2 * placement.azimuth_count
-    j, k = np.indices((a_n + 1, turn + 1))
-    j_own, k_own = np.where(j == a_n, 0, j), np.where(j == a_n, k + a_n, k) % turn
     pairs = [(i, v) for v in range(placement.elevation_count) for i in range(v + 1)]
-    return np.stack([corners[i, v][j_own, k_own] for i, v in pairs])
+    return np.stack([padded_corners(corners[i, v]) for i, v in pairs])
+
+
+def padded_corners(corners: np.ndarray) -> np.ndarray:
+    """Return the intersections of a subspace with the first row and column repeated at the end.
+
+    Beyond the last axial slice the first one continues, half a turn on.
+    """
+    a_n, turn = corners.shape
+    j, k = np.indices((a_n + 1, turn + 1))
+    return corners[np.where(j == a_n, 0, j), np.where(j == a_n, k + a_n, k) % turn]

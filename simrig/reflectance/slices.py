@@ -20,7 +20,7 @@ value at theta = 0 is the same whatever azimuth is named there (D.1 alone would 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import drjit as dr
@@ -156,20 +156,14 @@ class SliceReflectance(Reflectance):
         self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, texels: _Texels
     ) -> Array:
         lay, xp = self.layout, namespace(theta_i)
-        a_n, half_step = lay.azimuth_count, 0.5 * lay.azimuth_step
+        a_n = lay.azimuth_count
         # reciprocity: only theta_i <= theta_v is stored; equal ones are ordered by azimuth
         exchange = (theta_i > theta_v) | ((theta_i == theta_v) & (phi_i > phi_v))
         theta_i, theta_v = xp.minimum(theta_i, theta_v), xp.maximum(theta_i, theta_v)
         phi_i, phi_v = xp.select(exchange, phi_v, phi_i), xp.select(exchange, phi_i, phi_v)
         theta_i, theta_v = (xp.minimum(t, lay.theta_max) for t in (theta_i, theta_v))
 
-        u = wrap_angle(phi_v - phi_i)
-        m = wrap_angle(phi_i + 0.5 * u)
-        j, y = _cell(u / lay.azimuth_step, a_n)
-        k, x = _cell(m / half_step, 2 * a_n)
-        second = k >= a_n  # the second half turn of the mean azimuth reuses the diagonal rows
-        b = xp.select(second, k - a_n, k)
-        d = xp.select(second, 0.5 * u + np.pi, 0.5 * u)
+        m, j, y, k, x, b, d = azimuth_cell(phi_i, phi_v, a_n)
         i, w = lay.elevation_cell(theta_i)
         v, z = lay.elevation_cell(theta_v)
 
@@ -205,11 +199,8 @@ class SliceReflectance(Reflectance):
     def _along(self, key: str, texels: _Texels, pair: Array, row: Array, place: Array) -> Array:
         """Return the value of a slice at a position, linear between its stored samples."""
         count = self.layout.azimuth_samples
-        t = wrap_angle(place) * (count / (2.0 * np.pi))
-        index, weight = _cell(t, count)
         start = (pair * (self.layout.azimuth_count + 1) + row) * count
-        after = namespace(place).select(index == count - 1, 0 * index, index + 1)
-        return _lerp(texels(key, start + index), texels(key, start + after), weight)
+        return along_slice(lambda index: texels(key, index), start, place, count)
 
     def _floor_index(self, theta_i: Array, theta_v: Array, j: Array, k: Array) -> Array:
         """Return where the lowest value around the nearest node of the elevation grid lies."""
@@ -254,6 +245,38 @@ class SliceReflectance(Reflectance):
                 surface = _lerp(_lerp(c_00, c_01, x_here), _lerp(c_10, c_11, x_here), y_here)
                 value = _add(value, surface, weight_i * weight_v)
         return value
+
+
+def azimuth_cell(phi_i: Array, phi_v: Array, a_n: int) -> tuple[Array, ...]:
+    """Return where a pair of azimuths lies among the slices of a subspace.
+
+    Returns:
+        m: mean azimuth in radians; j, y: axial row and where between it and the next; k, x: half step of the mean azimuth and where in it; b, d: the
+        diagonal row of k and the position along it, in radians.
+    """
+    xp = namespace(phi_i)
+    u = wrap_angle(phi_v - phi_i)
+    m = wrap_angle(phi_i + 0.5 * u)
+    j, y = _cell(u * (0.5 * a_n / np.pi), a_n)
+    k, x = _cell(m * (a_n / np.pi), 2 * a_n)
+    second = k >= a_n  # the second half turn of the mean azimuth reuses the diagonal rows
+    b = xp.select(second, k - a_n, k)
+    d = xp.select(second, 0.5 * u + np.pi, 0.5 * u)
+    return m, j, y, k, x, b, d
+
+
+def along_slice(read: Callable[[Array], Array], start: Array, place: Array, count: int) -> Array:
+    """Return the value of a periodic slice, linear between its stored samples.
+
+    Args:
+        read: gives the colour at an index.
+        start: index of the first of the slice's samples.
+        place: position in radians, wrapped.
+        count: samples over the full turn.
+    """
+    index, weight = _cell(wrap_angle(place) * (count / (2.0 * np.pi)), count)
+    after = namespace(place).select(index == count - 1, 0 * index, index + 1)
+    return _lerp(read(start + index), read(start + after), weight)
 
 
 class _Texels:

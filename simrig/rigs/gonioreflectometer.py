@@ -17,8 +17,9 @@ from simrig.reflectance.protocol import Reflectance, evaluate
 from simrig.rigs.measurement import Measurement, ReplayLog, fingerprint
 from simrig.rigs.timing import UTIA_TIMING, GonioreflectometerTiming
 from simrig.sampling.adaptive import AdaptiveSamples, sample_adaptively
-from simrig.sampling.placement import SlicePlacement
+from simrig.sampling.placement import SlicePlacement, SubspacePlacement
 
+REACH_TOLERANCE = 1e-6  # radians; files often hold angles as float32
 Progress = Callable[[int, int], None]  # samples done, samples in total
 
 
@@ -157,10 +158,35 @@ class Gonioreflectometer:
             for own, material in zip(found, reflectances, strict=True)
         ]
 
+    def measure_subspace(
+        self, reflectance: Reflectance, placement: SubspacePlacement, samples: int
+    ) -> AdaptiveSamples:
+        """Measure one subspace of two elevations adaptively along its slices.
+
+        Args:
+            reflectance: the material.
+            placement: the elevations and the slices.
+            samples: number of distinct direction pairs.
+
+        Raises:
+            SimrigError: too few or too many samples, or elevations beyond the material's data.
+        """
+        if max(placement.theta_i, placement.theta_v) > reflectance.theta_max + REACH_TOLERANCE:
+            raise SimrigError(
+                f"'{reflectance.name}' has data up to theta = "
+                f"{np.degrees(reflectance.theta_max):g} degrees only"
+            )
+        return sample_adaptively(
+            lambda angles, _: self.measure_directions(reflectance, angles),
+            placement,
+            samples,
+            slice_types="axial_diagonal",
+        )[0]
+
     def _check_reach(self, reflectances: Sequence[Reflectance], placement: SlicePlacement) -> None:
         for reflectance in reflectances:
             # files often hold angles as float32: 80° is then 79.99998°
-            if placement.theta_max > reflectance.theta_max + 1e-6:
+            if placement.theta_max > reflectance.theta_max + REACH_TOLERANCE:
                 own, asked = np.degrees([reflectance.theta_max, placement.theta_max])
                 raise SimrigError(
                     f"'{reflectance.name}' has data up to theta = {own:g} degrees, the plan asks "

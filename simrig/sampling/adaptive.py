@@ -12,7 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from simrig.errors import SimrigError
-from simrig.sampling.placement import MIRRORED, OPEN, PERIODIC, SlicePlacement, build_slices
+from simrig.sampling.placement import (
+    MIRRORED,
+    OPEN,
+    PERIODIC,
+    SlicePlacement,
+    SubspacePlacement,
+)
 
 # angles (m, 4) in radians as (theta_i, theta_v, phi_i, phi_v), material (m,) -> values (m, 3)
 Measure = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -161,7 +167,7 @@ def _iteration_sizes(extra: int, k: float, p_1: int, p_2: int) -> list[int]:
 
 def sample_adaptively(
     measure: Measure,
-    placement: SlicePlacement,
+    placement: SlicePlacement | SubspacePlacement,
     samples: int,
     *,
     materials: int = 1,
@@ -197,7 +203,7 @@ def sample_adaptively(
             f"{samples} samples are too few: the placement {placement.describe()} has {start} "
             "intersections, all of which are measured; ask for more or use larger steps"
         )
-    slices = build_slices(placement, slice_types)
+    slices = placement.slices(slice_types)
     knots = Knots(slices.first_knot, slices.ends, slices.length, slices.position, slices.sample)
     most = start + capacity(knots, minimum_step)
     if samples > most:

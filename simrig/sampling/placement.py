@@ -162,6 +162,10 @@ class SlicePlacement:
         phi = np.where(i == 0, 0.0, (k - j) * half), np.where(v == 0, 0.0, (k + j) * half)
         return np.stack([self.elevations[i], self.elevations[v], *phi], axis=1)
 
+    def slices(self, slice_types: str = "all") -> Slices:
+        """Return every distinct slice with its intersections (see ``build_slices``)."""
+        return build_slices(self, slice_types)
+
 
 def optimal_placement(samples: int, theta_max_deg: float = 80.0) -> SlicePlacement:
     """Return the placement that thesis Table 5.1 recommends for a wished number of samples.
@@ -183,6 +187,79 @@ def optimal_placement(samples: int, theta_max_deg: float = 80.0) -> SlicePlaceme
             f"{placement.intersections} intersections; ask for at least that many"
         )
     return placement
+
+
+@dataclass(frozen=True)
+class SubspacePlacement:
+    """Axial and diagonal slices in one subspace of two elevations (thesis sections 5.1, 5.3).
+
+    Args:
+        theta_i, theta_v: the elevations in radians, in (0, 90°).
+        azimuth_step: a_s in radians, a whole fraction 360°/a_n with a_n >= 2.
+    """
+
+    theta_i: float
+    theta_v: float
+    azimuth_step: float
+
+    def __post_init__(self) -> None:
+        for name, theta in (("theta_i", self.theta_i), ("theta_v", self.theta_v)):
+            if not 0.0 < theta < np.pi / 2:
+                raise SimrigError(
+                    f"{name} of a subspace must lie between 0 and 90 degrees, got "
+                    f"{np.degrees(theta):g}"
+                )
+        # the same rules for the azimuth step as anywhere
+        SlicePlacement(max(self.theta_i, self.theta_v), self.azimuth_step, np.radians(89.0))
+
+    @property
+    def azimuth_count(self) -> int:
+        """a_n, the number of slices of one kind."""
+        return round(2.0 * np.pi / self.azimuth_step)
+
+    @property
+    def pair(self) -> tuple[int, int]:
+        """Numbers of the two elevations: different unless they are one elevation."""
+        return (1, 1) if self.theta_i == self.theta_v else (1, 2)
+
+    @property
+    def intersections(self) -> int:
+        """The number of distinct physical direction pairs where slices cross."""
+        a_n = self.azimuth_count
+        return a_n * a_n + a_n if self.pair == (1, 1) else 2 * a_n * a_n
+
+    def describe(self) -> str:
+        """Return the subspace in words."""
+        angles = np.degrees([self.theta_i, self.theta_v, self.azimuth_step])
+        return "theta_i = {:g}°, theta_v = {:g}°, a_s = {:g}°".format(*angles)
+
+    def corner_samples(self) -> np.ndarray:
+        """Return which distinct sample lies at every intersection, (a_n, 2·a_n)."""
+        a_n, turn = self.azimuth_count, 2 * self.azimuth_count
+        j, k = np.indices((a_n, turn))
+        keys = j * turn + k
+        if self.pair == (1, 1):
+            keys = np.minimum(keys, (-j) % a_n * turn + np.where(j == 0, k, (k + a_n) % turn))
+        return np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
+
+    def corner_angles(self) -> np.ndarray:
+        """Return (theta_i, theta_v, phi_i, phi_v) of every distinct intersection, (n_0, 4)."""
+        corners = self.corner_samples()
+        j, k = np.unravel_index(np.unique(corners, return_index=True)[1], corners.shape)
+        half, same = 0.5 * self.azimuth_step, np.ones(len(j))
+        phi = (k - j) * half, (k + j) * half
+        return np.stack([self.theta_i * same, self.theta_v * same, *phi], axis=1)
+
+    def slices(self, slice_types: str = "axial_diagonal") -> Slices:
+        """Return every distinct slice with its intersections.
+
+        Raises:
+            SimrigError: for horizontal slices, which leave the subspace.
+        """
+        if slice_types != "axial_diagonal":
+            raise SimrigError("a subspace has only axial and diagonal slices ('axial_diagonal')")
+        theta = (self.theta_i, self.theta_v)
+        return _assemble(_pair_slices(self.pair, theta, self.corner_samples()))
 
 
 @dataclass(frozen=True)
@@ -234,6 +311,10 @@ def build_slices(placement: SlicePlacement, slice_types: str = "all") -> Slices:
     found = _subspace_slices(placement)
     if slice_types == "all":
         found += _horizontal_slices(placement)
+    return _assemble(found)
+
+
+def _assemble(found: list[_Slice]) -> Slices:
     return Slices(
         kind=np.array([s.kind for s in found]),
         origin=np.array([s.origin for s in found], dtype=np.float64),
@@ -271,28 +352,44 @@ _DIRECTIONS = {
 def _subspace_slices(placement: SlicePlacement) -> list[_Slice]:
     """Return the circles of (0, theta) and the axial and diagonal slices."""
     corners, theta = placement.corner_samples(), placement.elevations.tolist()
-    e_n, a_n = placement.elevation_count, placement.azimuth_count
-    half, turn, full = 0.5 * placement.azimuth_step, 2 * placement.azimuth_count, 2.0 * np.pi
-    steps = np.arange(turn) * half
+    e_n, full = placement.elevation_count, 2.0 * np.pi
+    steps = np.arange(2 * placement.azimuth_count) * (0.5 * placement.azimuth_step)
     found = [
         _Slice(CIRCLE, PERIODIC, full, (0, v, 0, 0), (0, theta[v], 0, 0), steps, corners[0, v, 0])
         for v in range(1, e_n)
     ]
     for i in range(1, e_n):
         for v in range(i, e_n):
-            same = i == v
-            for j in range(a_n // 2 + 1 if same else a_n):
-                count = a_n if same and 2 * j == a_n else turn
-                origin = (theta[i], theta[v], -j * half, j * half)
-                knots = (steps[:count], corners[i, v, j, :count])
-                found.append(_Slice(AXIAL, PERIODIC, count * half, (i, v, j, 0), origin, *knots))
-            for b in range(a_n):
-                around = np.concatenate([corners[i, v, :, b], corners[i, v, :, b + a_n]])
-                count = a_n + 1 if same else turn
-                ends, length = (MIRRORED, np.pi) if same else (PERIODIC, full)
-                origin = (theta[i], theta[v], b * half, b * half)
-                knots = (steps[:count], around[:count])
-                found.append(_Slice(DIAGONAL, ends, length, (i, v, b, 0), origin, *knots))
+            found += _pair_slices((i, v), (theta[i], theta[v]), corners[i, v])
+    return found
+
+
+def _pair_slices(
+    pair: tuple[int, int], theta: tuple[float, float], corners: np.ndarray
+) -> list[_Slice]:
+    """Return the axial and diagonal slices of one subspace away from the pole.
+
+    Args:
+        pair: numbers of the two elevations; equal ones are one elevation.
+        theta: the elevations in radians.
+        corners: (a_n, 2·a_n) which sample lies at every intersection.
+    """
+    a_n, turn = corners.shape
+    half, same = np.pi / a_n, pair[0] == pair[1]
+    steps = np.arange(turn) * half
+    found = []
+    for j in range(a_n // 2 + 1 if same else a_n):
+        count = a_n if same and 2 * j == a_n else turn
+        origin = (*theta, -j * half, j * half)
+        knots = (steps[:count], corners[j, :count])
+        found.append(_Slice(AXIAL, PERIODIC, count * half, (*pair, j, 0), origin, *knots))
+    for b in range(a_n):
+        around = np.concatenate([corners[:, b], corners[:, b + a_n]])
+        count = a_n + 1 if same else turn
+        ends, length = (MIRRORED, np.pi) if same else (PERIODIC, 2.0 * np.pi)
+        origin = (*theta, b * half, b * half)
+        knots = (steps[:count], around[:count])
+        found.append(_Slice(DIAGONAL, ends, length, (*pair, b, 0), origin, *knots))
     return found
 
 
