@@ -189,7 +189,7 @@ DEMO_SCENES = (
     SceneSettings("sphere", {"resolution": 256}),
     SceneSettings("four_spheres", {"columns": 2, "resolution": 384}),
     SceneSettings("cylinder", {"light": "top", "resolution": 128}),
-    SceneSettings("environment_sphere", {"lights": 256, "resolution": 256, "spp": 8}),
+    SceneSettings("environment_sphere", {"lights": 256, "resolution": 256, "spp": 4}),
 )
 
 

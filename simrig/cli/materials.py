@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.outputs import output_file
+from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
     from simrig.reflectance import Reflectance
@@ -26,15 +28,53 @@ def materials(
         str | None,
         typer.Argument(help="A built-in material, a material file or a scene to describe."),
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Draw the BRDF: azimuths by elevations, as .png or .exr."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
 ) -> frame.Report:
     """List the built-in materials and scenes, or describe one of them or a material file."""
     from simrig.scenes import SCENES
 
+    is_scene = name in SCENES and not Path(str(name)).exists()
+    if picture is not None and (name is None or is_scene):
+        raise SimrigError("--picture draws one material: name it")
     if name is None:
         return _all()
-    if name in SCENES and not Path(name).exists():
+    if is_scene:
         return _scene(name)
-    return _material(name)
+    report = _material(name)
+    if picture is None:
+        return report
+    drawn = _draw(name, picture, force)
+    return frame.Report({**report.data, "picture": str(picture)}, [*report.shown, drawn])
+
+
+def _draw(name: str, path: Path, force: bool) -> str:
+    """Write the BRDF picture of a material, and return what to say about it."""
+    import numpy as np
+
+    from simrig.data.images import write_exr, write_png
+    from simrig.data.load import load_material
+    from simrig.evaluation.brdf_picture import ELEVATIONS_DEG, automatic_exposure, brdf_picture
+
+    if path.suffix not in (".png", ".exr"):
+        raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
+    reflectance = load_material(name)
+    top = np.degrees(reflectance.theta_max)
+    image = brdf_picture(reflectance, [e for e in ELEVATIONS_DEG if e <= top])
+    exposure = automatic_exposure(image)
+    with output_file(path, force) as temporary:
+        if path.suffix == ".exr":
+            write_exr(temporary, image, {"material": reflectance.name, "unit": "1/sr"})
+        else:
+            write_png(temporary, image, exposure)
+    height, width = image.shape[:2]
+    shown = "" if path.suffix == ".exr" else f", exposure {exposure:.3g}"
+    return (
+        f"{path}: {width} × {height}, theta_i and phi_i downwards, theta_v and phi_v right{shown}"
+    )
 
 
 def _all() -> frame.Report:

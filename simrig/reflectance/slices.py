@@ -251,8 +251,9 @@ def azimuth_cell(phi_i: Array, phi_v: Array, a_n: int) -> tuple[Array, ...]:
     """Return where a pair of azimuths lies among the slices of a subspace.
 
     Returns:
-        m: mean azimuth in radians; j, y: axial row and where between it and the next; k, x: half step of the mean azimuth and where in it; b, d: the
-        diagonal row of k and the position along it, in radians.
+        m: mean azimuth in radians; j, y: axial row, and where between it and the next; k, x:
+        half step of the mean azimuth, and where in it; b, d: the diagonal row of k, and the
+        position along it in radians.
     """
     xp = namespace(phi_i)
     u = wrap_angle(phi_v - phi_i)
