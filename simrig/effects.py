@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 from simrig.errors import SimrigError, unknown_name
@@ -93,11 +93,13 @@ class Bound:
         value: >= 0, may be infinite.
         unit: ``"dE"``, ``"relative radiance"`` or ``"display rms"`` (that of the tolerance).
         explanation: one line, where the number comes from.
+        absent: the subject has nothing of the sort, so there is nothing to simulate either.
     """
 
     value: float
     unit: str
     explanation: str
+    absent: bool = False
 
     def __post_init__(self) -> None:
         if not self.value >= 0.0:
@@ -175,11 +177,13 @@ class Plan:
         effects: one decision per effect.
         settings: of the renderer or rig; a scene's hold ``integrator, depth, spp, variant``.
         tolerance: what was asked for.
+        about: what else is worth keeping, for example the seconds of planning.
     """
 
     effects: tuple[Decision, ...]
     settings: dict[str, Any]
     tolerance: Tolerance
+    about: dict[str, Any] = field(default_factory=dict)
 
     def on(self, effect: str) -> bool:
         """Return whether an effect is simulated.
@@ -204,6 +208,7 @@ class Plan:
             "unit": self.tolerance.unit,
             "effects": [decision.as_dict() for decision in self.effects],
             "settings": dict(self.settings),
+            **self.about,
         }
 
 
@@ -214,7 +219,7 @@ class Overrides:
     Attributes:
         force: effects to simulate whatever their bound.
         without: effects to leave out whatever their bound.
-        everything: simulate all that is not in ``without``.
+        everything: simulate all that is there and not in ``without``.
     """
 
     force: tuple[str, ...] = ()
@@ -235,13 +240,13 @@ class Overrides:
             if name not in known:
                 raise unknown_name("effect", name, known)
 
-    def of(self, effect: str) -> tuple[bool, str] | None:
+    def of(self, effect: str, bound: Bound | None = None) -> tuple[bool, str] | None:
         """Return (on, why) when the user decided about an effect, else None."""
         if effect in self.without:
             return False, "left out by request"
         if effect in self.force:
             return True, "forced by request"
-        if self.everything:
+        if self.everything and not (bound is not None and bound.absent):
             return True, "everything was asked for"
         return None
 
@@ -271,7 +276,7 @@ def decide(
     overrides = overrides or Overrides()
     overrides.check(effect.name for effect in effects)
     bounds = {effect.name: effect.bound(subject, tolerance) for effect in effects}
-    chosen = {name: overrides.of(name) for name in bounds}
+    chosen = {name: overrides.of(name, bound) for name, bound in bounds.items()}
     requested = (
         bound.value
         for name, bound in bounds.items()
