@@ -25,37 +25,34 @@ def sampling_change(radiance: np.ndarray, display: Display, spp: int) -> float:
         display: measures the change.
         spp: samples per pixel.
     """
-    rng = np.random.default_rng(_SEED)
     count = radiance.shape[1]
     mean = radiance.mean(axis=1)
     draw = _split if 2 * spp <= count else _shaken
     changes = []
-    for _ in range(_TRIALS):
-        before, after = draw(radiance, spp, rng)
+    for trial in range(_TRIALS):
+        before, after = draw(radiance, spp, trial)
         changes.append(display.total(display.per_pixel(before, after), mean))
     return _SAFETY * float(np.mean(changes))
 
 
-def _split(
-    radiance: np.ndarray, spp: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def _split(radiance: np.ndarray, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of ``spp`` samples of each pixel and of all its others."""
-    order = rng.permuted(np.broadcast_to(np.arange(radiance.shape[1]), radiance.shape[:2]), axis=1)
-    mixed = np.take_along_axis(radiance, order[..., None], axis=1)
-    return mixed[:, spp:].mean(axis=1), mixed[:, :spp].mean(axis=1)
+    first = trial * spp % (radiance.shape[1] - spp + 1)
+    few = radiance[:, first : first + spp].sum(axis=1)
+    others = radiance.sum(axis=1) - few
+    return np.maximum(others, 0.0) / (radiance.shape[1] - spp), few / spp
 
 
-def _shaken(
-    radiance: np.ndarray, spp: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def _shaken(radiance: np.ndarray, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the means and the same with the error that ``spp`` samples would have.
 
     Residuals with random signs have the covariance of the samples, colours included.
     """
     count = radiance.shape[1]
     mean = radiance.mean(axis=1)
-    signs = rng.choice([-1.0, 1.0], size=(*radiance.shape[:2], 1))
-    error = (signs * (radiance - mean[:, None])).sum(axis=1) / np.sqrt((count - 1) * spp)
+    signs = np.random.default_rng(_SEED + trial).choice([-1.0, 1.0], size=radiance.shape[:2])
+    shaken = np.einsum("nk,nkc->nc", signs, radiance) - signs.sum(axis=1)[:, None] * mean
+    error = shaken / np.sqrt((count - 1) * spp)
     return mean, np.maximum(mean + error, 0.0)
 
 

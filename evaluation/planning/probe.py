@@ -18,6 +18,7 @@ import numpy as np
 PIXELS = 1024  # looked at, at most
 SAMPLES = 16  # of each; the noise of path tracing takes more
 PATH_SAMPLES = 64
+_ALIGNMENT = 64
 _SEED = 20_240_607  # plans are reproducible
 
 
@@ -63,7 +64,7 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
     aperture = rng.random((count * samples, 2))
     wavelength = rng.random(count * samples)
     ray, weight = scene.sensors()[sensor].sample_ray_differential(
-        0.0, mi.Float(wavelength), mi.Point2f(*place.T), mi.Point2f(*aperture.T)
+        0.0, on_device(wavelength), _vectors(mi.Point2f, place), _vectors(mi.Point2f, aperture)
     )
     # without differentials a texture is not filtered: its detail counts as spread
     start = time.perf_counter()
@@ -126,12 +127,13 @@ def look_at_surfaces(scene: Any, bodies: list, points: int = 128, samples: int =
     valid = si.is_valid()
     rng = np.random.default_rng(_SEED + 1)
     total = count * samples
-    first, second = mi.Float(rng.random(total)), mi.Point2f(*rng.random((2, total)))
+    first, second = on_device(rng.random(total)), _vectors(mi.Point2f, rng.random((total, 2)))
     bsdf = si.bsdf(ray)
     drawn, weight = bsdf.sample(mi.BSDFContext(), si, first, second, valid)
     value = bsdf.eval(mi.BSDFContext(), si, drawn.wo, valid)
     delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
     value = dr.select(delta, mi.Spectrum(dr.inf), value)
+    dr.eval(weight, value, si.shape)
     body = _shape_numbers(scene, si).reshape(count, samples)
     weights = _rows(_colour(weight)).reshape(count, samples, 3)
     values = _rows(_colour(value)).reshape(count, samples, 3)
@@ -159,7 +161,7 @@ def _rays_onto(scene: Any, bodies: list, points: int, samples: int) -> tuple[Any
 
 
 def _points_on(shape: Any, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    sample = shape.sample_position(0.0, mi.Point2f(*rng.random((2, count))))
+    sample = shape.sample_position(0.0, _vectors(mi.Point2f, rng.random((count, 2))))
     return _rows(sample.p), _rows(sample.n)
 
 
@@ -195,7 +197,9 @@ def look_between(
         directions.append(direction)
     ray = _ray(np.concatenate(origins), np.concatenate(directions))
     radiance = radiance_along(scene, integrator, ray)
-    body = _shape_numbers(scene, scene.ray_intersect(ray))
+    si = scene.ray_intersect(ray)
+    dr.eval(radiance, si.shape)
+    body = _shape_numbers(scene, si)
     return body[body >= 0], _rows(radiance)[body >= 0]
 
 
@@ -209,10 +213,29 @@ def _sources(bodies: list) -> list[np.ndarray]:
 
 
 def _ray(origin: np.ndarray, direction: np.ndarray) -> Any:
-    ray = mi.RayDifferential3f(mi.Ray3f(mi.Point3f(*origin.T), mi.Vector3f(*direction.T)))
+    ray = mi.RayDifferential3f(
+        mi.Ray3f(_vectors(mi.Point3f, origin), _vectors(mi.Vector3f, direction))
+    )
     if mi.is_spectral:
         ray.wavelengths = mi.Wavelength(*np.linspace(450.0, 650.0, dr.size_v(mi.Wavelength)))
     return ray
+
+
+def on_device(values: np.ndarray) -> Any:
+    """Return numbers as a Dr.Jit array whose kernels are found in the cache again.
+
+    Dr.Jit works on NumPy's memory where that is, and how it is aligned becomes part of a kernel.
+    """
+    values = np.asarray(values, dtype=np.float32).ravel()
+    room = np.empty(values.nbytes + _ALIGNMENT, dtype=np.uint8)
+    start = -room.ctypes.data % _ALIGNMENT
+    aligned = room[start : start + values.nbytes].view(np.float32)
+    aligned[:] = values
+    return mi.Float(aligned)
+
+
+def _vectors(make: type, rows: np.ndarray) -> Any:
+    return make(*(on_device(column) for column in rows.T))
 
 
 def _shape_numbers(scene: Any, si: Any) -> np.ndarray:
