@@ -39,7 +39,7 @@ def mirror_neighbour(
     Args:
         bsdf: a Mitsuba BSDF or its dictionary, of the left sphere.
         resolution: width of the picture in pixels; it is half as high.
-        roughness: GGX roughness of the aluminium, above 0.
+        roughness: GGX roughness of the metal, which reflects 0.9 in all channels; above 0.
         gap: between the spheres, in mm.
         light_theta_deg: angle of the lamp from the direction towards the camera.
         light_distance: its distance from the middle of the scene, in mm.
@@ -62,7 +62,12 @@ def mirror_neighbour(
         "integrator": everything(),
         "sensor": camera(resolution, height, (centre + BALL_RADIUS) * MARGIN, pixel_centres),
         **entries,
-        "metal": {"type": "roughconductor", "material": "Al", "alpha": float(roughness)},
+        "metal": {
+            "type": "roughconductor",
+            "material": "none",  # white: the picture stays one of RGB
+            "specular_reflectance": {"type": "rgb", "value": 0.9},
+            "alpha": float(roughness),
+        },
         "sphere": ball(BALL_RADIUS, (-centre, 0.0), material),
         "neighbour": ball(BALL_RADIUS, (centre, 0.0), {"type": "ref", "id": "metal"}),
         "light": lamp(position, distance),

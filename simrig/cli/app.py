@@ -9,12 +9,14 @@ import typer
 from simrig import __version__
 from simrig.cli import (
     compare,
+    converge,
     convert,
     doctor,
     experiment,
     frame,
     materials,
     measure,
+    plan,
     render,
     stability,
     studies,
@@ -45,9 +47,11 @@ for module in (
     experiment,
     materials,
     measure,
+    plan,
     render,
     compare,
     convert,
+    converge,
     studies,
     stability,
 ):
