@@ -66,9 +66,8 @@ def scene_source(scene: Any) -> SceneSource:
         return _from_dictionary(scene, scene(), rebuilds=True)
     if hasattr(scene, "sensors"):
         return SceneSource(lambda: scene, False, None, False)
-    raise SimrigError(
-        f"a scene is a Mitsuba dictionary, a loaded scene or an XML file, got {type(scene).__name__}"
-    )
+    kind = type(scene).__name__
+    raise SimrigError(f"a scene is a Mitsuba dictionary, a scene or an XML file, got {kind}")
 
 
 def _from_dictionary(build: Callable[[], Any], made: Any, rebuilds: bool) -> SceneSource:
