@@ -68,6 +68,7 @@ class Display:
         most = np.inf if self.tolerance.metric == "relative" else 1.0 / self.exposure
         added = np.minimum(added, most)
         shares = np.array(list(itertools.product(_STEPS, repeat=3)))
+        added = np.minimum(added, np.finfo(np.float64).max)  # nothing of infinity is nothing
         return np.max([self.per_pixel(before, before + added * s) for s in shares], axis=0)
 
     def total(self, changes: np.ndarray, before: np.ndarray) -> float:

@@ -69,6 +69,7 @@ def plan_scene(
     overrides.check(EFFECT_NAMES)
     _check_paths(overrides)
     source = scene_source_in(scene, variant)
+    first_variant = backend.current()
     subject = SceneSubject(source, exposure)
     allowed = tolerance.times(LEFT_OUT_SHARE)
     decisions = decide(SCENE_EFFECTS, subject, allowed, _known(overrides, SCENE_EFFECTS))
@@ -89,8 +90,9 @@ def plan_scene(
         "integrator": integrator["type"],
         "depth": depth,
         "spp": spp,
-        "variant": str(backend.current()),
+        "variant": backend.current(),
     }
+    backend.select(first_variant)
     about = {
         "exposure": subject.exposure,
         "scene": subject.survey.describe(),

@@ -162,7 +162,8 @@ def _rays_onto(scene: Any, bodies: list, points: int, samples: int) -> tuple[Any
 
 def _points_on(shape: Any, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
     sample = shape.sample_position(0.0, _vectors(mi.Point2f, rng.random((count, 2))))
-    return _rows(sample.p), _rows(sample.n)
+    # a flat shape gives one normal for all of its points
+    return _rows(sample.p), np.broadcast_to(_rows(sample.n), (count, 3))
 
 
 def _around(normal: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -110,9 +111,12 @@ def _is(thing: Any, flag: Any) -> bool:
 
 
 def _place(thing: Any) -> np.ndarray:
-    """Return where a camera or light stands; infinitely far ones stand at infinity."""
-    if thing.class_name() in ("DirectionalEmitter", "Directional"):
+    """Return where a camera or delta light stands; directional lights stand at infinity."""
+    if thing.class_name() == "DirectionalEmitter":
         return np.full(3, np.inf)
+    if isinstance(thing, mi.Emitter):
+        sample, _ = thing.sample_direction(dr.zeros(mi.SurfaceInteraction3f), mi.Point2f(0.5))
+        return np.array(sample.p, dtype=np.float64).reshape(3)
     matrix = np.array(thing.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)
     return matrix[:3, 3, 0]
 
