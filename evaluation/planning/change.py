@@ -65,11 +65,13 @@ class Display:
             added: (n, 3) bound >= 0, may be infinite.
         """
         # beyond white nothing changes on the display; the relative metric knows no white
-        most = np.inf if self.tolerance.metric == "relative" else 1.0 / self.exposure
-        added = np.minimum(added, most)
+        if self.tolerance.metric != "relative":
+            added = np.minimum(added, 1.0 / self.exposure)
+        known = np.isfinite(added)
+        step = np.where(known, added, 0.0)
         shares = np.array(list(itertools.product(_STEPS, repeat=3)))
-        added = np.minimum(added, np.finfo(np.float64).max)  # nothing of infinity is nothing
-        return np.max([self.per_pixel(before, before + added * s) for s in shares], axis=0)
+        changes = np.max([self.per_pixel(before, before + step * s) for s in shares], axis=0)
+        return np.where(known.all(axis=-1), changes, np.inf)
 
     def total(self, changes: np.ndarray, before: np.ndarray) -> float:
         """Return the change of the picture from those of its pixels, in the tolerance's unit.

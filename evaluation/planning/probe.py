@@ -73,9 +73,10 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
     dr.eval(radiance, si)
     body = _shape_numbers(scene, si)
     normal = dr.select(si.wi.z < 0.0, -si.n, si.n)
-    values = [_rows(x).reshape(count, samples, 3) for x in (radiance, si.p, normal)]
+    seen, position, facing = (_rows(x).reshape(count, samples, 3) for x in (radiance, si.p, normal))
     seconds = time.perf_counter() - start
-    return CameraLook(*values, body.reshape(count, samples), seconds / (count * samples))
+    body = body.reshape(count, samples)
+    return CameraLook(seen, position, facing, body, seconds / body.size)
 
 
 def _spread(rng: np.random.Generator, width: int, height: int, count: int) -> np.ndarray:
@@ -235,7 +236,7 @@ def on_device(values: np.ndarray) -> Any:
     return mi.Float(aligned)
 
 
-def _vectors(make: type, rows: np.ndarray) -> Any:
+def _vectors(make: Any, rows: np.ndarray) -> Any:
     return make(*(on_device(column) for column in rows.T))
 
 

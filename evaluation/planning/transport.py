@@ -126,7 +126,7 @@ def visible_angle(points: np.ndarray, normals: np.ndarray, body: Body) -> np.nda
     return np.where(height <= -body.radius, 0.0, _cap(distance, body.radius))
 
 
-def _cap(distance: np.ndarray, radius: float) -> np.ndarray:
+def _cap(distance: np.ndarray, radius: float | np.ndarray) -> np.ndarray:
     """Return the solid angle of a sphere from a distance of its centre, 2π from inside."""
     sine = np.minimum(radius / np.maximum(distance, 1e-300), 1.0)
     return 2.0 * np.pi * (1.0 - np.sqrt(1.0 - sine**2))
