@@ -215,7 +215,9 @@ def _sensitivity(
     if flushes:
         normal = np.finfo(pair[0].dtype).tiny
         flushed = [np.where(np.abs(v) < normal, 0.0, v) for v in pair]
-        changed.append(subject.reference(*_extended(flushed)))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            at_zero = subject.reference(*_extended(flushed))
+        changed.append(np.where(np.isfinite(at_zero), at_zero, reference))
     scale = subject.scale(reference)
     return np.max([(np.abs(c - reference) / scale).max(axis=-1) for c in changed], axis=0)
 

@@ -69,8 +69,9 @@ def tell_forces_apart(args: list[str], ambiguous: bool) -> list[str]:
 
 def _known_effects() -> tuple[str, ...]:
     from simrig.evaluation.planning import EFFECT_NAMES
+    from simrig.rigs.effects import RIG_EFFECT_NAMES
 
-    return EFFECT_NAMES
+    return (*EFFECT_NAMES, *RIG_EFFECT_NAMES)
 
 
 def plan_table(plan: Plan, title: str = "") -> Any:
