@@ -113,14 +113,16 @@ def converged(
         first: samples per pixel of each half in the first batch; the others double them.
         most: samples per pixel in both halves after which it ends.
     """
-    start = time.perf_counter()
+    start = last = time.perf_counter()
     parts = [_batch(render_one, first, seed, 0)]
     while True:
+        now = time.perf_counter()
         picture = _merged(parts)
-        expected = 2.0 * parts[-1].run_seconds if len(parts) > 1 else 4.0 * parts[0].run_seconds
-        late = time.perf_counter() - start + expected > seconds
+        growth = 1.0 if len(parts) == 1 else 2.0  # of the next batch over the last one
+        late = now - start + growth * (now - last) > seconds
         if late or 2 * picture.spp > most or good(picture):
             return picture
+        last = time.perf_counter()
         parts.append(_batch(render_one, picture.spp // 2, seed, len(parts)))
 
 
@@ -279,6 +281,8 @@ def distances(
 ) -> dict[str, float]:
     """Return how far one picture is from another, by metric as in ``Difference.changes``.
 
+    ``dE_max`` is that of the worst pixel.
+
     Args:
         reference, image: (height, width, 3), linear RGB.
         mask: pixels that count, (height, width).
@@ -286,10 +290,11 @@ def distances(
     """
     first, second = reference[mask], image[mask]
     mean = float(first.mean()) or 1.0
-    lab = _lab(exposure * first) - _lab(exposure * second)
+    delta_e = np.linalg.norm(_lab(exposure * first) - _lab(exposure * second), axis=-1)
     shown = displayed(first, exposure) - displayed(second, exposure)
     return {
-        "dE": float(np.linalg.norm(lab, axis=-1).mean()),
+        "dE": float(delta_e.mean()),
+        "dE_max": float(delta_e.max()),
         "psnr": math.sqrt(float((shown**2).mean())),
         "relative": float(np.abs(first - second).mean()) / mean,
         "relative_rms": math.sqrt(float(((first - second) ** 2).mean())) / mean,

@@ -8,6 +8,7 @@ import typer
 
 from simrig import __version__
 from simrig.cli import (
+    ablate,
     compare,
     converge,
     convert,
@@ -52,6 +53,7 @@ for module in (
     compare,
     convert,
     converge,
+    ablate,
     studies,
     stability,
 ):
