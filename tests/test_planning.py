@@ -264,6 +264,16 @@ def test_overrides_that_contradict_each_other_are_refused() -> None:
     assert not plan.on("inter-reflection")
 
 
+def test_what_cannot_be_done_is_refused() -> None:
+    lit = simple(s={"type": "sphere"}, e={"type": "constant"})
+    with pytest.raises(SimrigError, match="map of a scene cannot be left out"):
+        plan_scene(lit, "dE=1", without=["environment"])
+    with pytest.raises(SimrigError, match="give a function that builds it"):
+        plan_scene(named("sphere", "wood01"), "dE=1", force=["spectral"])
+    plan = plan_scene(lambda: named("sphere", "wood01"), "dE=2", force=["spectral"])
+    assert plan.settings["variant"] == "llvm_ad_spectral"
+
+
 def test_a_scene_without_camera_or_of_another_kind_is_refused() -> None:
     with pytest.raises(SimrigError, match="no camera"):
         plan_scene({"type": "scene", "s": {"type": "sphere"}}, "dE=1")

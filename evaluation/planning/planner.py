@@ -71,6 +71,7 @@ def plan_scene(
     source = scene_source_in(scene, variant)
     first_variant = backend.current()
     subject = SceneSubject(source, exposure)
+    _check_possible(subject, overrides)
     allowed = tolerance.times(LEFT_OUT_SHARE)
     decisions = decide(SCENE_EFFECTS, subject, allowed, _known(overrides, SCENE_EFFECTS))
     decisions = _with_paths(decisions, overrides)
@@ -165,6 +166,21 @@ def _check_paths(overrides: Overrides) -> None:
                 raise SimrigError(
                     f"inter-reflection cannot be simulated without {needed}: leave out both or none"
                 )
+
+
+def _check_possible(subject: SceneSubject, overrides: Overrides) -> None:
+    """Refuse what was asked for where it could not be done."""
+    if "environment" in overrides.without and subject.survey.environment is not None:
+        raise SimrigError(
+            "the environment map of a scene cannot be left out: give it directional lights in the "
+            "map's place, as the scene 'environment_sphere' has them"
+        )
+    variant = backend.current()
+    if "spectral" in overrides.force and "spectral" not in variant and not subject.source.rebuilds:
+        raise SimrigError(
+            f"the scene is made of objects of the variant '{variant}', which has no spectra: "
+            "give a function that builds it, or load it in a spectral variant"
+        )
 
 
 def _with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[Decision, ...]:

@@ -219,7 +219,8 @@ def _ray(origin: np.ndarray, direction: np.ndarray) -> Any:
         mi.Ray3f(_vectors(mi.Point3f, origin), _vectors(mi.Vector3f, direction))
     )
     if mi.is_spectral:
-        ray.wavelengths = mi.Wavelength(*np.linspace(450.0, 650.0, dr.size_v(mi.Wavelength)))
+        make: Any = mi.Wavelength  # the stubs describe a variant without
+        ray.wavelengths = make(*np.linspace(450.0, 650.0, dr.size_v(make)))
     return ray
 
 

@@ -89,8 +89,11 @@ def render(
         if environment is not None or lights is not None:
             options["lights"] = environment_lights(environment or BUILTIN, lights or 256)
         options = {key: value for key, value in options.items() if value is not None}
-        bsdf = make_bsdf(load_material(material), rotation)
-        subject = build_scene(scene, bsdf, **options)
+        reflectance = load_material(material)
+
+        def subject() -> dict[str, Any]:  # built again where a plan asks for another variant
+            return build_scene(scene, make_bsdf(reflectance, rotation), **options)
+
         planned = None
         if not by_hand:
             allowed = tolerance or effect_options.DEFAULT_TOLERANCE
@@ -100,7 +103,7 @@ def render(
                 result = planning.planned_render(subject, planned, seed, report)
             else:
                 chosen = None if integrator == "scene" else integrator
-                result = rendering.render(subject, spp or _SPP, seed, chosen, report)
+                result = rendering.render(subject(), spp or _SPP, seed, chosen, report)
         about = {
             "scene": scene,
             "material": material,
