@@ -79,7 +79,8 @@ def _flawed(factor):
     ],
 )
 def test_flaws_are_flagged(factor, column):
-    rows = stability_table([_flawed(factor)], [], precisions=["drjit-float32"])
+    cases = [c for c in hard_cases() if c.name not in ("denormal", "bit-patterns")]  # z may be 0
+    rows = stability_table([_flawed(factor)], [], cases, ["drjit-float32"])
     assert stability_summary(rows)[column] > 0
     assert stability_summary(rows)["unexplained"] > 0
 

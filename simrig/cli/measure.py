@@ -126,11 +126,11 @@ def measure(
             "plan": plan.as_dict() if plan else None,
         },
         shown=[
-            *([effect_options.plan_table(plan)] if plan else []),
             f"{output}: {cost.samples} samples of {measurement.material}, {placement.describe()} "
             f"({placement.intersections} intersections), {slices} slices",
             f"cost: {cost.hardware_hours:.1f} h of simulated hardware, "
             f"{cost.compute_seconds:.2f} s of computing",
+            *([effect_options.plan_table(plan, f"effects at {allowed}")] if plan else []),
         ],
     )
 
