@@ -108,7 +108,8 @@ def converged(
     Args:
         render_one: renders it with given samples per pixel and seed.
         good: says of what there is so far whether it is good enough.
-        seconds: no batch is begun that is expected to end later, but the first one.
+        seconds: of running, compilation apart; no batch but the first is begun that is expected
+            to end later.
         seed: all seeds are drawn from it.
         first: samples per pixel of each half in the first batch; the others double them.
         most: samples per pixel in both halves after which it ends.
@@ -119,7 +120,9 @@ def converged(
         now = time.perf_counter()
         picture = _merged(parts)
         growth = 1.0 if len(parts) == 1 else 2.0  # of the next batch over the last one
-        late = now - start + growth * (now - last) > seconds
+        compiling = parts[-1].compile_seconds  # happens once, and is no measure of the next batch
+        running = now - start - picture.compile_seconds
+        late = running + growth * (now - last - compiling) > seconds
         if late or 2 * picture.spp > most or good(picture):
             return picture
         last = time.perf_counter()

@@ -11,6 +11,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from simrig import backend
@@ -29,6 +30,7 @@ from simrig.evaluation.ablation_report import ablation_tables
 from simrig.evaluation.metrics import delta_e_map, foreground_mask
 from simrig.evaluation.planning import effects, plan_scene
 from simrig.evaluation.rendering import render
+from simrig.evaluation.studies import plan_validation
 from simrig.scenes import bright_corner, hidden_light, sphere
 
 GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
@@ -177,3 +179,25 @@ def test_the_command_finds_a_planted_defect(
     assert defective.exit_code == 2
     found = {r["effect"] for r in json.loads(defective.stdout)["violations"]}
     assert "inter-reflection" in found and "planned render" in found
+
+
+def test_the_validation_study_judges_a_planner_that_is_right_and_one_that_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The quick preset of ``simrig study run plan-validation``."""
+    settings: Any = {"materials": ("lambert",), "tolerances": (4.0,), "resolution": 20}
+    results = plan_validation.run(
+        scenes=("sphere", "bright_corner"), budget_seconds=BUDGET, **settings
+    )
+    assert [r["scene"] for r in results["rows"]] == ["sphere", "bright_corner"]
+    assert all(r["met"] and r["seconds"] > 0.0 for r in results["rows"])
+    assert results["summary"]["violations"] == 0 < results["summary"]["checks"]
+    assert [one["scene"] for one in results["direct"]] == ["sphere"]
+    console = Console(width=200)
+    with console.capture() as shown:
+        console.print(plan_validation.table(results))
+    assert "2 of 2 renders meet their tolerance" in shown.get()
+    monkeypatch.setattr(effects.InterReflection, "bound", lambda *_: Bound(0.0, "dE", "planted"))
+    wrong = plan_validation.run(scenes=("bright_corner",), budget_seconds=BUDGET, **settings)
+    assert wrong["rows"][0]["met"] is False and wrong["summary"]["missed"] == 1
+    assert wrong["summary"]["violations"] >= 1
