@@ -148,3 +148,19 @@ def test_render_keeps_its_plan_and_can_do_without() -> None:
     assert (by_hand["plan"], by_hand["spp"]) == (None, 4)
     everything = done(*render, "--force", "--everything", "--tolerance", "dE=2")
     assert everything["integrator"] == "path"
+
+
+@pytest.mark.slow
+def test_run_plans_its_scenes_for_a_tolerance() -> None:
+    Path("small.toml").write_text(
+        'material = "wood01"\n'
+        "measurement = { samples = [300], elevation_step_deg = 32.0, azimuth_step_deg = 120.0, "
+        "baseline = false }\n"
+        "comparison = { exact = false, estimate_samples = 7000 }\n"
+        '[[scenes]]\nname = "four_spheres"\nresolution = 48\n'
+    )
+    result = done("run", "small.toml", "--tolerance", "dE=2")
+    (scene,) = result["results"]["scenes"].values()
+    assert "inter-reflection" in switched_on(scene["plan"])
+    assert scene["settings"]["spp"] == scene["plan"]["settings"]["spp"] == scene["spp"]
+    assert "planned for dE=2" in Path(result["report"]).read_text()
