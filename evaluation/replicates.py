@@ -237,10 +237,10 @@ def difference(
     delta_e = [np.linalg.norm(vectors, axis=-1) for vectors in lab]
     relative = [np.abs(vectors).mean(axis=-1) / mean for vectors in radiance]
     changes = {
-        "dE": _mean_change(*delta_e, ROUNDING["dE"]),
-        "psnr": _rms_change(*shown, ROUNDING["psnr"]),
-        "relative": _mean_change(*relative, ROUNDING["relative"]),
-        "relative_rms": _rms_change(*(vectors / mean for vectors in radiance), 0.0),
+        "dE": _mean_change(delta_e[0], delta_e[1], ROUNDING["dE"]),
+        "psnr": _rms_change(shown[0], shown[1], ROUNDING["psnr"]),
+        "relative": _mean_change(relative[0], relative[1], ROUNDING["relative"]),
+        "relative_rms": _rms_change(radiance[0] / mean, radiance[1] / mean, 0.0),
     }
     largest = np.sqrt(np.maximum(delta_e[0] ** 2 - delta_e[1] ** 2, 0.0)).max()
     return Difference(changes, float(largest))

@@ -89,7 +89,7 @@ def _file_with(path: Path, sampler: str) -> Any:
         camera.remove(old)
     element = ElementTree.SubElement(camera, "sampler", type=sampler)
     ElementTree.SubElement(element, "integer", name="sample_count", value="4")
-    resolver = mi.file_resolver()
+    resolver = mi.file_resolver()  # type: ignore[operator]  # the stub says object
     folder = str(path.absolute().parent)
     if folder not in [str(known) for known in resolver]:
         resolver.append(folder)  # where the file's own references are looked up
