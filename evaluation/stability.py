@@ -209,7 +209,8 @@ def _sensitivity(
         ulps = _extended([np.spacing(np.maximum(np.abs(v), smallest)) for v in pair])
         moved = [v + s * u for v, s, u in zip(pair, signs, ulps, strict=True)]
         changed.append(subject.reference(*moved))
-        stored = subject.with_rounded_data(*_extended(pair), rng)
+        wi, wv = _extended(pair)
+        stored = subject.with_rounded_data(wi, wv, rng)
         if stored is not None:
             changed.append(stored)
     if flushes:

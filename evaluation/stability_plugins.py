@@ -162,7 +162,7 @@ def plugin_rows(
         variant: the current variant.
     """
     drawn, weights = _draw(bsdf, cases)
-    parts: list[tuple[_PluginSubject, Sequence[HardCase]]] = [
+    parts: list[tuple[_Value | _Density | _Weight, Sequence[HardCase]]] = [
         (_Value(f"plugin {name}: value", bsdf), cases),
         (_Density(f"plugin {name}: pdf", bsdf), cases),
         (_Weight(f"plugin {name}: weight", bsdf, weights), drawn),

@@ -41,13 +41,12 @@ def _scattered() -> Iterator[ScatteredSamples]:
 
     yield make("random")
     yield make("one sample", theta_i[:1], theta_v[:1], phi_v[:1], value[:1])
-    four = (np.repeat(a[:1], 4, axis=0) for a in (theta_i, theta_v, phi_v, value))
+    four = [np.repeat(a[:1], 4, axis=0) for a in (theta_i, theta_v, phi_v, value)]
     yield make("one sample, four times", *four)
     yield make("duplicate samples", *(repeated(a) for a in (theta_i, theta_v, phi_v, value)))
     others = np.concatenate([value, value[::-1]])
-    yield make(
-        "duplicates with other values", *(repeated(a) for a in (theta_i, theta_v, phi_v)), others
-    )
+    twice = [repeated(a) for a in (theta_i, theta_v, phi_v)]
+    yield make("duplicates with other values", *twice, v=others)
     for distance in (1e-4, 1e-8, 1e-12):
         beside = np.concatenate([theta_v, np.abs(theta_v - distance)])
         yield make(
