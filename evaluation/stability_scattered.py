@@ -45,8 +45,8 @@ def _scattered() -> Iterator[ScatteredSamples]:
     yield make("one sample, four times", *four)
     yield make("duplicate samples", *(repeated(a) for a in (theta_i, theta_v, phi_v, value)))
     others = np.concatenate([value, value[::-1]])
-    twice = [repeated(a) for a in (theta_i, theta_v, phi_v)]
-    yield make("duplicates with other values", *twice, v=others)
+    i, v, phi = (repeated(a) for a in (theta_i, theta_v, phi_v))
+    yield make("duplicates with other values", i, v, phi, others)
     for distance in (1e-4, 1e-8, 1e-12):
         beside = np.concatenate([theta_v, np.abs(theta_v - distance)])
         yield make(
