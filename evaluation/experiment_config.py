@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 from simrig.backend import VARIANTS
 from simrig.data.files import existing_file
+from simrig.effects import parse_tolerance
 from simrig.errors import SimrigError, unknown_name
 from simrig.evaluation.environment import BUILTIN
 from simrig.evaluation.experiment_schema import (
@@ -90,7 +91,9 @@ class RenderingSettings(Section):
     """How pictures are made.
 
     Attributes:
-        spp: samples per pixel.
+        spp: samples per pixel; not used with a tolerance.
+        tolerance: plan each scene for it (``dE=0.5``, see ``simrig.evaluation.planning``) instead
+            of rendering it by its own integrator.
         exposure: factor before a picture is shown, the same for all pictures of a scene; by
             default what brings the bright parts of the reference near white.
         difference_scale: s of the difference images 255 − s·|I1 − I2|.
@@ -99,8 +102,14 @@ class RenderingSettings(Section):
     section: ClassVar[str] = "rendering"
 
     spp: int = setting(integer(1, 1 << 20), 16)
+    tolerance: str | None = setting(optional(text, "none"), None)
     exposure: float | None = setting(optional(number(1e-6, 1e6), "auto"), None)
     difference_scale: float = setting(number(0.1, 255.0), 10.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.tolerance is not None:
+            parse_tolerance(self.tolerance)
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,11 @@ import numpy as np
 from simrig.data.images import read_image, write_exr, write_png
 from simrig.evaluation import metrics, rendering
 from simrig.evaluation.comparison import compare_images
-from simrig.evaluation.environment import BUILTIN, environment_lights
 from simrig.evaluation.experiment_config import Experiment, SceneSettings
 from simrig.evaluation.experiment_parts import Parts, Steps
-from simrig.plugins import make_bsdf
+from simrig.evaluation.planning import plan_scene, planned_integrator
+from simrig.evaluation.planning.experiments import experiment_scene
 from simrig.reflectance.protocol import Reflectance
-from simrig.scenes import build_scene
 
 TRUTH = "truth"
 
@@ -68,7 +67,8 @@ class Studio:
         self.steps.begin(f"rendering {self.key}, reference")
         record = self.parts.get(name)
         if record is None:
-            result = self._render(truth)
+            settings, plan = self._settings(truth)
+            result = self._render(truth, settings)
             self._cache[TRUTH] = result.image
             exposure = self.experiment.rendering.exposure
             if exposure is None:
@@ -85,6 +85,8 @@ class Studio:
                     "exposure": exposure,
                     "spp": result.spp,
                     "integrator": result.integrator,
+                    "settings": settings,
+                    "plan": plan,
                     "cost": result.cost.as_dict(),
                     "files": files,
                 },
@@ -102,8 +104,8 @@ class Studio:
         self.steps.begin(f"rendering {self.key}, {label}")
         record = self.parts.get(name)
         if record is None:
-            result = self._render(reflectance)
             reference, about = self._reference_image()
+            result = self._render(reflectance, about["settings"])
             compared = compare_images(
                 reference,
                 result.image,
@@ -131,15 +133,22 @@ class Studio:
             self._cache[TRUTH] = read_image(self.folder / about["files"]["exr"])
         return self._cache[TRUTH], about
 
-    def _render(self, reflectance: Reflectance) -> rendering.RenderResult:
-        options = dict(self.scene.options)
-        spp = options.pop("spp", self.experiment.rendering.spp)
-        source = options.pop("environment", BUILTIN)
-        if source != BUILTIN:
-            options["lights"] = environment_lights(source, options.get("lights", 256))
-        scene = build_scene(self.scene.name, make_bsdf(reflectance), **options)
-        seed = self.experiment.seed
-        return rendering.render(scene, spp=spp, seed=seed, progress=self.steps.within)
+    def _settings(self, truth: Reflectance) -> tuple[dict[str, Any], dict[str, Any] | None]:
+        """Return how all pictures of the scene are rendered, and the plan that says so."""
+        wanted = self.experiment.rendering
+        if wanted.tolerance is None:
+            spp = self.scene.options.get("spp", wanted.spp)
+            return {"spp": spp, "integrator": None}, None
+        scene = rendering.load(experiment_scene(self.scene, truth))
+        plan = plan_scene(scene, wanted.tolerance, exposure=wanted.exposure)
+        spp = self.scene.options.get("spp", plan.settings["spp"])
+        return {"spp": spp, "integrator": planned_integrator(scene, plan)}, plan.as_dict()
+
+    def _render(self, reflectance: Reflectance, settings: dict[str, Any]) -> rendering.RenderResult:
+        scene = experiment_scene(self.scene, reflectance)
+        return rendering.render(
+            scene, seed=self.experiment.seed, progress=self.steps.within, **settings
+        )
 
     def _write(self, key: str, image: np.ndarray, exposure: float) -> dict[str, str]:
         """Write a picture as EXR and PNG; return their names relative to the folder."""

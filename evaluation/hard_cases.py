@@ -210,3 +210,34 @@ def _opposite(rng: np.random.Generator, count: int) -> Pair:
     wv = _tilted(rng, -wi, _tiny(rng, count))
     wi[0], wv[0] = (1.0, 0.0, 1e-12), (-1.0, 0.0, 1e-12)
     return wi, wv
+
+
+@_case("denormal", "components from the smallest denormal of float64 to the normals of float32")
+def _denormal(rng: np.random.Generator, count: int) -> Pair:
+    def small() -> np.ndarray:
+        return np.maximum(10.0 ** rng.uniform(-324.0, -37.0, count), np.nextafter(0.0, 1.0))
+
+    at_pole = np.column_stack([small(), -small(), np.ones(count)])
+    at_horizon = np.column_stack([*_circle(rng, count), small()])
+    beside_axis = np.column_stack([small(), np.ones(count), rng.uniform(0.1, 1.0, count)])
+    kinds = np.stack([at_pole, at_horizon, beside_axis])
+    pick, row = rng.integers(0, 3, (2, count)), np.arange(count)
+    return kinds[pick[0], row], kinds[pick[1], row]
+
+
+@_case("bit-patterns", "every bit of every component at random, scaled to unit length")
+def _bit_patterns(rng: np.random.Generator, count: int) -> Pair:
+    def any_bits() -> np.ndarray:
+        bits = rng.integers(0, 2**64, (count, 3), dtype=np.uint64, endpoint=False)
+        v = bits.view(np.float64)
+        exponent = rng.integers(-1000, 1, v.shape)  # of comparable size in some, not in others
+        near = rng.random((count, 1)) < 0.5
+        mantissa = np.frexp(np.where(np.isfinite(v), v, 0.5))[0]
+        return np.ldexp(mantissa, np.where(near, exponent % 8, exponent))
+
+    def upper() -> np.ndarray:
+        v = any_bits()
+        v[:, 2] = np.abs(v[:, 2])
+        return np.ldexp(v, -np.frexp(np.abs(v).max(axis=-1, keepdims=True))[1])
+
+    return upper(), upper()

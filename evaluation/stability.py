@@ -1,19 +1,18 @@
-"""Numerical stability: every reflectance and parameterisation over every hard case.
+"""Numerical stability: everything that computes over every hard case, in every precision.
 
-Each is computed in NumPy float64, Dr.Jit float64 and Dr.Jit float32, and compared with a
-reference in extended precision **at the same rounded directions**, so that the error is that of
-the arithmetic alone. What the rounding of the directions itself costs is listed beside it.
+Reflectances and parameterisations are computed in NumPy float64, Dr.Jit float64 and Dr.Jit
+float32, plugins through Mitsuba in float32, methods in the precisions that they have. Each is
+compared with a reference in extended precision **at the same rounded input**, so that the error
+is that of the arithmetic alone. What the rounding of the input itself costs is listed beside it.
 
-A large error is *explained* where the value is that sensitive: where moving the directions by one
+A large error is *explained* where the value is that sensitive: where moving the input by one
 unit in the last place changes the reference by a comparable amount, no arithmetic in that
 precision can do better. Every other error above some rounding steps is flagged.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from simrig import backend
 from simrig.directions import to_angles
 from simrig.errors import unknown_name
 from simrig.evaluation.hard_cases import HardCase, hard_cases
+from simrig.evaluation.stability_rows import StabilityRow
 from simrig.evaluation.stability_subjects import (
     ReflectanceSubject,
     Subject,
@@ -31,44 +31,51 @@ from simrig.reflectance import Reflectance
 
 PRECISIONS = ("numpy-float64", "drjit-float64", "drjit-float32")
 
-_ROUNDINGS = 64.0  # rounding steps, in epsilons, that a chain of some twenty operations may take
-_AMPLIFICATION = 16.0  # such steps act like this many units in the last place of the directions
-_JITTERS = 8
+ROUNDINGS = 64.0  # rounding steps, in epsilons, that a chain of some twenty operations may take
+AMPLIFICATION = 16.0  # such steps act like this many units in the last place of the input
+_JITTERS = 12
+_FLUSHED = "a denormal component, which Dr.Jit takes as zero"
+
+Progress = Callable[[int, int], None]  # objects done, objects in total
 
 
-@dataclass(frozen=True)
-class StabilityRow:
-    """One subject on one hard case in one precision.
+def stability_suite(
+    backend_name: str = "auto",
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> list[StabilityRow]:
+    """Return the whole table: parameterisations, reflectances, plugins and methods.
 
-    Attributes:
-        case: name of the hard case.
-        object: name of the reflectance or parameterisation.
-        precision: one of ``PRECISIONS``.
-        worst_relative: largest error relative to the reference at the same rounded directions
-            (reflectances: to at least 1e-20 1/sr; parameterisations: to the unit length).
-        worst_absolute: largest absolute error (1/sr, or length of unit vectors).
-        non_finite: direction pairs with NaN or infinity.
-        negative: direction pairs with a negative value, or an angle out of its range.
-        where: (theta_i, phi_i, theta_v, phi_v) in degrees at the largest relative error.
-        sensitivity: largest relative change of the reference there when the components of the
-            directions move by one unit in the last place of the precision.
-        input_relative: largest relative change of the reference by rounding the directions to
-            the precision (0 for float64).
-        explained: whether all errors are a few rounding steps or follow from the sensitivity,
-            and nothing is non-finite or negative.
+    Args:
+        backend_name: ``"auto"`` (CUDA where a usable GPU is, else LLVM), ``"llvm"`` or ``"cuda"``.
+        progress: called with the number of objects done and in total.
+        seed: of the random directions.
+
+    Raises:
+        SimrigError: unknown backend, or one that this machine cannot run.
     """
+    from simrig.evaluation.stability_fuzz import fuzz_cases
+    from simrig.evaluation.stability_methods import method_jobs
+    from simrig.evaluation.stability_plugins import plugin_jobs
 
-    case: str
-    object: str
-    precision: str
-    worst_relative: float
-    worst_absolute: float
-    non_finite: int
-    negative: int
-    where: tuple[float, float, float, float]
-    sensitivity: float
-    input_relative: float
-    explained: bool
+    variant = backend.resolve("auto" if backend_name == "auto" else f"{backend_name}_ad_rgb")
+    backend_name = variant.partition("_")[0]
+    cases = [*hard_cases(seed=seed), *fuzz_cases(seed=seed)]
+    reflectances = default_reflectances()
+    subjects = [*default_parameterisations(), *map(ReflectanceSubject, reflectances)]
+    jobs = [
+        *(lambda s=s: direction_rows(s, cases, PRECISIONS, backend_name) for s in subjects),
+        *plugin_jobs(reflectances, cases, variant),
+        *method_jobs(cases, backend_name),
+    ]
+    rows: list[StabilityRow] = []
+    for done, job in enumerate(jobs):
+        if progress is not None:
+            progress(done, len(jobs))
+        rows += job()
+    if progress is not None:
+        progress(len(jobs), len(jobs))
+    return rows
 
 
 def stability_table(
@@ -76,14 +83,16 @@ def stability_table(
     parameterisations: Iterable[Subject] | None = None,
     cases: Sequence[HardCase] | None = None,
     precisions: Sequence[str] = PRECISIONS,
+    backend_name: str = "auto",
 ) -> list[StabilityRow]:
-    """Return one row per subject, hard case and precision.
+    """Return one row per reflectance or parameterisation, hard case and precision.
 
     Args:
         reflectances: by default those of ``default_reflectances()``.
         parameterisations: by default those of ``default_parameterisations()``.
         cases: by default ``hard_cases()``.
         precisions: a selection of ``PRECISIONS``.
+        backend_name: ``"auto"``, ``"llvm"`` or ``"cuda"``, for the Dr.Jit precisions.
 
     Raises:
         SimrigError: unknown precision, or no usable LLVM or CUDA for a Dr.Jit precision.
@@ -97,29 +106,43 @@ def stability_table(
         parameterisations = default_parameterisations()
     cases = hard_cases() if cases is None else cases
     subjects = [*parameterisations, *map(ReflectanceSubject, reflectances)]
-    return [row for s in subjects for p in precisions for row in _rows(s, cases, p)]
+    return [row for s in subjects for row in direction_rows(s, cases, precisions, backend_name)]
 
 
-def _rows(subject: Subject, cases: Sequence[HardCase], precision: str) -> Iterable[StabilityRow]:
+def direction_rows(
+    subject: Subject,
+    cases: Sequence[HardCase],
+    precisions: Sequence[str],
+    backend_name: str = "auto",
+) -> list[StabilityRow]:
+    """Return the rows of one subject of direction pairs."""
+    return [row for p in precisions for row in _rows(subject, cases, p, backend_name)]
+
+
+def _rows(
+    subject: Subject, cases: Sequence[HardCase], precision: str, backend_name: str
+) -> Iterator[StabilityRow]:
     """Compute all cases in one go (one kernel), then report them one by one."""
     exact = _extended([np.concatenate([getattr(c, key) for c in cases]) for key in ("wi", "wv")])
-    rounding = np.float32 if precision.endswith("32") else np.float64
+    rounding = np.float64 if precision.endswith("64") else np.float32
     rounded = [v.astype(rounding) for v in exact]
-    values = _compute(subject, rounded, precision)
+    values = _compute(subject, rounded, precision, backend_name)
     reference = subject.reference(*_extended(rounded))
     scale = subject.scale(reference)
     finite = np.isfinite(values)
     error = np.where(finite, np.abs(np.where(finite, values, 0.0) - reference), 0.0)
     relative = (error / scale).max(axis=-1)
-    sensitivity = _sensitivity(subject, rounded, reference)
+    sensitivity = _sensitivity(subject, rounded, reference, flushes=precision != PRECISIONS[0])
     moved = np.abs(subject.reference(*exact) - reference) / scale
-    tolerance = _ROUNDINGS * np.finfo(rounding).eps + _AMPLIFICATION * sensitivity
+    rounding_error = ROUNDINGS * float(np.finfo(rounding).eps)
+    tolerance = rounding_error + AMPLIFICATION * sensitivity
     bad, negative = ~finite.all(axis=-1), subject.negative(values)
     explained = (relative <= tolerance) & ~bad & ~negative
     end = np.cumsum([len(case.wi) for case in cases])
     for case, stop in zip(cases, end, strict=True):
         part = slice(stop - len(case.wi), stop)
         worst = part.start + int(np.argmax(relative[part]))
+        is_explained = bool(explained[part].all())
         yield StabilityRow(
             case=case.name,
             object=subject.name,
@@ -131,14 +154,37 @@ def _rows(subject: Subject, cases: Sequence[HardCase], precision: str) -> Iterab
             where=_angles_deg(rounded, worst),
             sensitivity=float(sensitivity[worst]),
             input_relative=float(moved[part].max()),
-            explained=bool(explained[part].all()),
+            explained=is_explained,
+            explanation=explain(
+                relative[worst],
+                rounding_error,
+                is_explained,
+                _FLUSHED if _has_denormal(rounded, worst) else subject.conditioning,
+            ),
         )
 
 
-def _compute(subject: Subject, pair: list[np.ndarray], precision: str) -> np.ndarray:
+def explain(relative: float, rounding_error: float, explained: bool, conditioning: str) -> str:
+    """Return in words what an error comes from.
+
+    Args:
+        relative: the error.
+        rounding_error: what rounding alone may cause.
+        explained: whether rounding and conditioning explain it.
+        conditioning: what makes the result sensitive to its input.
+    """
+    if not explained:
+        return "more than rounding and conditioning explain"
+    return "rounding" if relative <= rounding_error else f"conditioning: {conditioning}"
+
+
+def _compute(
+    subject: Subject, pair: list[np.ndarray], precision: str, backend_name: str
+) -> np.ndarray:
     wi, wv = (v.astype(np.float64) for v in pair)  # exact
-    numpy = precision == "numpy-float64"
-    kind = None if numpy else backend.types(precision.removeprefix("drjit-")).Float
+    kind = None
+    if precision.startswith("drjit-"):
+        kind = backend.types(precision.removeprefix("drjit-"), backend_name).Float
     return subject.compute(wi, wv, kind)
 
 
@@ -146,81 +192,43 @@ def _extended(pair: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [v.astype(np.longdouble) for v in pair]
 
 
-def _sensitivity(subject: Subject, pair: list[np.ndarray], reference: np.ndarray) -> np.ndarray:
-    """Return the largest relative change of the reference when components move by 1 ulp.
+def _sensitivity(
+    subject: Subject, pair: list[np.ndarray], reference: np.ndarray, flushes: bool
+) -> np.ndarray:
+    """Return the largest relative change of the reference when its input moves by 1 ulp.
 
-    For what reads angles it is one ulp of 1: an angle near π/2 is rounded to that, however
-    precisely the height above the horizon is given.
+    For what reads angles it is one ulp of 2π: an azimuth, and a difference of azimuths, is rounded
+    to that, however precisely the components are given. Stored data move as they are rounded. What
+    ``flushes`` denormal numbers takes those for zero.
     """
-    smallest = pair[0].dtype.type(subject.reads_angles)
+    smallest = pair[0].dtype.type(2.0 * np.pi * subject.reads_angles)
     rng = np.random.default_rng(0)
-    largest = np.zeros(len(reference))
+    changed = []
     for _ in range(_JITTERS):
         signs = [rng.choice([-1.0, 1.0], v.shape) for v in pair]
         ulps = _extended([np.spacing(np.maximum(np.abs(v), smallest)) for v in pair])
         moved = [v + s * u for v, s, u in zip(pair, signs, ulps, strict=True)]
-        change = np.abs(subject.reference(*moved) - reference) / subject.scale(reference)
-        largest = np.maximum(largest, change.max(axis=-1))
-    return largest
+        changed.append(subject.reference(*moved))
+        wi, wv = _extended(pair)
+        stored = subject.with_rounded_data(wi, wv, rng)
+        if stored is not None:
+            changed.append(stored)
+    if flushes:
+        normal = np.finfo(pair[0].dtype).tiny
+        flushed = [np.where(np.abs(v) < normal, 0.0, v) for v in pair]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            at_zero = subject.reference(*_extended(flushed))
+        changed.append(np.where(np.isfinite(at_zero), at_zero, reference))
+    scale = subject.scale(reference)
+    return np.max([(np.abs(c - reference) / scale).max(axis=-1) for c in changed], axis=0)
+
+
+def _has_denormal(pair: Sequence[np.ndarray], index: int) -> bool:
+    components = np.abs(np.concatenate([v[index] for v in pair]))
+    return bool(np.any((components > 0.0) & (components < np.finfo(components.dtype).tiny)))
 
 
 def _angles_deg(pair: list[np.ndarray], index: int) -> tuple[float, float, float, float]:
     angles = [angle for v in pair for angle in to_angles(v[index].astype(np.float64))]
     theta_i, phi_i, theta_v, phi_v = (float(np.degrees(angle)) for angle in angles)
     return theta_i, phi_i, theta_v, phi_v
-
-
-def stability_summary(rows: Sequence[StabilityRow]) -> dict[str, int]:
-    """Return the counts of rows, unexplained rows, non-finite and negative pairs."""
-    return {
-        "rows": len(rows),
-        "unexplained": sum(not row.explained for row in rows),
-        "non_finite": sum(row.non_finite for row in rows),
-        "negative": sum(row.negative for row in rows),
-    }
-
-
-def stability_json(rows: Sequence[StabilityRow]) -> str:
-    """Return the table as a JSON object with ``summary`` and ``rows``."""
-    content = {"summary": stability_summary(rows), "rows": [asdict(row) for row in rows]}
-    return json.dumps(content, allow_nan=False, indent=1)
-
-
-def stability_markdown(rows: Sequence[StabilityRow], every_case: bool = False) -> str:
-    """Return the table as Markdown, with a line that sums it up.
-
-    Args:
-        rows: from ``stability_table``.
-        every_case: one line per row; otherwise one line per object and precision, with the case
-            of its largest relative error (and every unexplained row).
-    """
-    shown = list(rows) if every_case else _worst_rows(rows)
-    summary = stability_summary(rows)
-    lines = [
-        "{rows} rows: {unexplained} unexplained, {non_finite} non-finite and {negative} negative "
-        "direction pairs.".format(**summary),
-        "",
-        "| object | precision | case | relative | absolute | sensitivity | input rounding "
-        "| non-finite | negative | θ_i φ_i θ_v φ_v [°] | explained |",
-        "| --- | --- | --- " + "| ---: " * 6 + "| --- | --- |",
-    ]
-    for row in shown:
-        where = " ".join(f"{angle:.6g}" for angle in row.where)
-        lines.append(
-            f"| {row.object} | {row.precision} | {row.case} | {row.worst_relative:.1e} "
-            f"| {row.worst_absolute:.1e} | {row.sensitivity:.1e} | {row.input_relative:.1e} "
-            f"| {row.non_finite} | {row.negative} | {where} "
-            f"| {'yes' if row.explained else '**no**'} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def _worst_rows(rows: Sequence[StabilityRow]) -> list[StabilityRow]:
-    """Return the row of the largest relative error per object and precision, and all flagged."""
-    worst: dict[tuple[str, str], StabilityRow] = {}
-    for row in rows:
-        key = (row.object, row.precision)
-        if key not in worst or row.worst_relative > worst[key].worst_relative:
-            worst[key] = row
-    kept = {id(row) for row in worst.values()}
-    return [row for row in rows if id(row) in kept or not row.explained]

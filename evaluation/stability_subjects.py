@@ -17,7 +17,7 @@ from simrig.directions import (
     to_onion,
     to_vector,
 )
-from simrig.evaluation.hard_cases import ROUGHNESS
+from simrig.evaluation.hard_cases import REFLECTANCE_VALUES, ROUGHNESS
 from simrig.reflectance import (
     KURT_MATERIALS,
     RESCALED_MATERIALS,
@@ -29,6 +29,7 @@ from simrig.reflectance import (
     evaluate,
     kurt_material,
 )
+from simrig.reflectance.slices import SliceReflectance
 
 # Relative errors of reflectances are relative to at least this (1/sr): 66 EV below white, where
 # products in float32 start to lose digits to underflow
@@ -46,11 +47,23 @@ class Subject(Protocol):
     def reads_angles(self) -> bool:
         """Whether the values depend on the directions through their angles, as in a table."""
 
+    @property
+    def conditioning(self) -> str:
+        """What makes the values sensitive to the directions, in words."""
+
     def reference(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
         """Return the right values, shape (n, k), in the precision of the directions."""
 
     def compute(self, wi: np.ndarray, wv: np.ndarray, float_type: type | None) -> np.ndarray:
         """Return the values, shape (n, k), in NumPy (None) or in a Dr.Jit float type."""
+
+    def with_rounded_data(
+        self, wi: np.ndarray, wv: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray | None:
+        """Return the reference with every stored value moved as far as its storage rounds it.
+
+        None where the data are stored as precisely as they are computed with.
+        """
 
     def scale(self, reference: np.ndarray) -> np.ndarray:
         """Return what errors are relative to, shape (n, k), positive."""
@@ -73,17 +86,38 @@ class ReflectanceSubject:
     def reads_angles(self) -> bool:
         return any(np.ndim(array) > 1 for array in self.reflectance.data().values())
 
+    @property
+    def conditioning(self) -> str:
+        return conditioning_of(self.reflectance)
+
     def reference(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
         return self.reflectance.eval(wi, wv)
 
     def compute(self, wi: np.ndarray, wv: np.ndarray, float_type: type | None) -> np.ndarray:
         return evaluate(self.reflectance, wi, wv, float_type)
 
+    def with_rounded_data(
+        self, wi: np.ndarray, wv: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray | None:
+        return None
+
     def scale(self, reference: np.ndarray) -> np.ndarray:
         return np.maximum(np.abs(reference), FAINT)
 
     def negative(self, values: np.ndarray) -> np.ndarray:
         return np.any(values < 0.0, axis=-1)
+
+
+def conditioning_of(reflectance: Reflectance) -> str:
+    """Return in words what makes a reflectance sensitive to its directions."""
+    if isinstance(reflectance, SliceReflectance):
+        return (
+            "the lower limit of formula D.1, the smallest of 32 slice values, jumps at the borders "
+            "of cells; 1 ulp of the directions crosses them"
+        )
+    if any(np.ndim(array) > 1 for array in reflectance.data().values()):
+        return "the slope of the table over angles that 1 ulp of the directions moves"
+    return "the slope of the lobe: the value changes as much with 1 ulp of the directions"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +141,10 @@ class RoundTripSubject:
     def reads_angles(self) -> bool:
         return True
 
+    @property
+    def conditioning(self) -> str:
+        return "an azimuth at the pole, and angles of a half vector that nearly vanishes"
+
     def reference(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
         return np.concatenate([wi, wv, np.zeros((len(wi), 1))], axis=-1)
 
@@ -122,6 +160,11 @@ class RoundTripSubject:
         """Return how far angles lie outside of their range, in radians, shape (n,)."""
         values = np.stack([np.array(angle, dtype=np.float64) for angle in angles], axis=-1)
         return np.maximum(self.low - values, values - self.high).max(axis=-1).clip(min=0.0)
+
+    def with_rounded_data(
+        self, wi: np.ndarray, wv: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray | None:
+        return None
 
     def scale(self, reference: np.ndarray) -> np.ndarray:
         return np.ones_like(reference)  # the directions are unit vectors
@@ -158,6 +201,9 @@ def default_reflectances() -> list[Reflectance]:
 def _analytic() -> Iterable[Reflectance]:
     yield Lambert((0.0, 0.0, 0.0), name="lambert_0")
     yield Lambert((1.0, 1.0, 1.0), name="lambert_1")
+    yield Lambert((1e-310, 1e-40, 1e-38), name="lambert_denormal")
+    for value in REFLECTANCE_VALUES:
+        yield Ward((value,) * 3, (value,) * 3, 0.2, 0.2, name=f"ward_value_{value:g}")
     for name in KURT_MATERIALS + RESCALED_MATERIALS:
         yield kurt_material(name)
     for m in (min(ROUGHNESS), max(ROUGHNESS)):
@@ -172,17 +218,31 @@ def _analytic() -> Iterable[Reflectance]:
 
 def _tabulated() -> Iterable[Reflectance]:
     """Yield one material in every kind of table, coarsely: the nodes are hard, not the data."""
+    from simrig.reflectance.resample import resample_isotropic
+
+    yield small_slices()
+    yield small_table()
+    material = resample_isotropic(kurt_material("fabric112"), (30, 30, 60), rotations=4)
+    yield _renamed(material, "isotropic_table")
+
+
+def small_slices() -> Reflectance:
+    """Return a material measured and reconstructed along few slices."""
     from simrig.reconstruction.slices import reconstruct
-    from simrig.reflectance.resample import resample_dense, resample_isotropic
     from simrig.rigs.gonioreflectometer import Gonioreflectometer
     from simrig.sampling.placement import SlicePlacement
 
-    material = kurt_material("fabric112")
     placement = SlicePlacement.from_degrees(20.0, 60.0)
-    measurement = Gonioreflectometer().measure(material, placement, 2000)
-    yield _renamed(reconstruct(measurement), "slices")
-    yield _renamed(resample_dense(material, np.radians(10.0), 36), "dense_table")
-    yield _renamed(resample_isotropic(material, (30, 30, 60), rotations=4), "isotropic_table")
+    measurement = Gonioreflectometer().measure(kurt_material("fabric112"), placement, 2000)
+    return _renamed(reconstruct(measurement), "slices")
+
+
+def small_table() -> Reflectance:
+    """Return a material in a coarse table over all four angles."""
+    from simrig.reflectance.resample import resample_dense
+
+    table = resample_dense(kurt_material("fabric112"), np.radians(10.0), 36)
+    return _renamed(table, "dense_table")
 
 
 def _renamed(reflectance: Reflectance, name: str) -> Reflectance:

@@ -8,16 +8,20 @@ from simrig.scenes.lights import DirectionalLights
 from simrig.scenes.median_cut import median_cut
 from simrig.scenes.registry import SCENES, SceneEntry, build_scene
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
+from simrig.scenes.traps import bright_corner, hidden_light, mirror_neighbour
 
 __all__ = [
     "SCENES",
     "DirectionalLights",
     "SceneEntry",
+    "bright_corner",
     "build_scene",
     "builtin_environment",
     "cylinder",
     "environment_sphere",
     "four_spheres",
+    "hidden_light",
     "median_cut",
+    "mirror_neighbour",
     "sphere",
 ]

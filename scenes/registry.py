@@ -9,6 +9,7 @@ from typing import Any
 
 from simrig.errors import unknown_name
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
+from simrig.scenes.traps import bright_corner, hidden_light, mirror_neighbour
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,9 @@ SCENES: dict[str, SceneEntry] = {
     "environment_sphere": _entry(
         environment_sphere, "sphere in an environment of N directional lights (Fig. 5.9)"
     ),
+    "mirror_neighbour": _entry(mirror_neighbour, "sphere beside a shiny one (inter-reflection)"),
+    "bright_corner": _entry(bright_corner, "wall in a corner with a bright one (inter-reflection)"),
+    "hidden_light": _entry(hidden_light, "plate under a low lamp behind a blocker (shadows)"),
 }
 
 

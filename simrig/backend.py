@@ -165,6 +165,13 @@ def select(variant: str = "auto") -> str:
     return variant
 
 
+def current() -> str:
+    """Return the Mitsuba variant that is set; the automatic one is set when there is none."""
+    import mitsuba as mi
+
+    return str(mi.variant()) if mi.variant() is not None else select()
+
+
 def types(precision: str = "float32", backend: str = "auto") -> SimpleNamespace:
     """Return plain Dr.Jit types: ``Float``, ``UInt``, ``Array3`` for a precision.
 

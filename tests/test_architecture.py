@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("simrig", "plugins", "scenes", "evaluation")
 
-FOUNDATION = {"errors", "arrays", "cost", "backend"}
+FOUNDATION = {"errors", "arrays", "cost", "backend", "effects"}
 KINDS = FOUNDATION | {"directions", "reflectance"}
 METHODS = KINDS | {"data", "sampling", "reconstruction"}
 RIGS = METHODS | {"imaging", "plugins", "scenes"}
@@ -25,6 +25,7 @@ EVERYTHING = RIGS | {"perception", "rigs", "evaluation", "doctor"}
 # room: the rooms that it may import (docs/architecture.md says the same in words)
 MAY_IMPORT = {
     "errors": set(),
+    "effects": {"errors"},
     "cost": set(),
     "arrays": {"errors"},
     "backend": {"errors"},

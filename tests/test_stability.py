@@ -16,13 +16,8 @@ from simrig.evaluation.hard_cases import (
     hard_case,
     hard_cases,
 )
-from simrig.evaluation.stability import (
-    PRECISIONS,
-    stability_json,
-    stability_markdown,
-    stability_summary,
-    stability_table,
-)
+from simrig.evaluation.stability import PRECISIONS, stability_table
+from simrig.evaluation.stability_rows import stability_json, stability_markdown, stability_summary
 from simrig.evaluation.stability_subjects import default_reflectances
 from simrig.reflectance import Lambert, Ward, kurt_material
 
@@ -50,7 +45,8 @@ def test_double_precision_is_at_rounding(table):
     """Analytic models in float64, away from where the half vector is undefined."""
     tables = ("dense_table", "isotropic_table", "slices")
     for row in table:
-        if row.precision != "drjit-float32" and row.object not in tables:
+        flushed = row.precision != "numpy-float64" and "denormal" in row.explanation
+        if row.precision != "drjit-float32" and row.object not in tables and not flushed:
             assert row.worst_relative < 5e-14, row
 
 
@@ -83,7 +79,8 @@ def _flawed(factor):
     ],
 )
 def test_flaws_are_flagged(factor, column):
-    rows = stability_table([_flawed(factor)], [], precisions=["drjit-float32"])
+    cases = [c for c in hard_cases() if c.name not in ("denormal", "bit-patterns")]  # z may be 0
+    rows = stability_table([_flawed(factor)], [], cases, ["drjit-float32"])
     assert stability_summary(rows)[column] > 0
     assert stability_summary(rows)["unexplained"] > 0
 
@@ -132,7 +129,7 @@ def test_json_and_markdown_hold_the_rows():
     assert short.count("| wood01 |") == len(PRECISIONS)
     assert full.count("| wood01 |") == len(rows)
     for line in full.splitlines()[2:]:
-        assert line.count("|") == 12
+        assert line.count("|") == 13
 
 
 # The cases themselves

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from simrig.evaluation.studies import table_5_3
+from simrig.evaluation.studies import plan_validation, table_5_3
 
-STUDIES: dict[str, ModuleType] = {"table-5-3": table_5_3}
+STUDIES: dict[str, ModuleType] = {
+    "table-5-3": table_5_3,
+    "plan-validation": plan_validation,
+}

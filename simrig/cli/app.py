@@ -8,13 +8,16 @@ import typer
 
 from simrig import __version__
 from simrig.cli import (
+    ablate,
     compare,
+    converge,
     convert,
     doctor,
     experiment,
     frame,
     materials,
     measure,
+    plan,
     render,
     stability,
     studies,
@@ -45,9 +48,12 @@ for module in (
     experiment,
     materials,
     measure,
+    plan,
     render,
     compare,
     convert,
+    converge,
+    ablate,
     studies,
     stability,
 ):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simrig.cli import frame
+from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_folder
 
 if TYPE_CHECKING:
@@ -50,13 +50,19 @@ def run(
     output: Annotated[
         Path | None, typer.Option(help="The folder for the results; output/NAME else.")
     ] = None,
+    tolerance: effect_options.Tolerance = None,
     variant: _Variant = None,
     force: _Force = False,
 ) -> frame.Report:
-    """Run an experiment: as 'demo', with every setting from a TOML file."""
+    """Run an experiment: as 'demo', with every setting from a TOML file.
+
+    With a tolerance, here or in the file, every scene is planned (see 'simrig plan').
+    """
     from simrig.evaluation.experiment_config import Experiment
 
     config = Experiment.from_toml(experiment)
+    if tolerance is not None:
+        config = replace(config, rendering=replace(config.rendering, tolerance=tolerance))
     return _experiment(config, output or Path("output") / experiment.stem, variant, force)
 
 

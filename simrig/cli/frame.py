@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from simrig.errors import SimrigError
 
@@ -82,11 +82,13 @@ class OneLineErrors(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def command(app: typer.Typer, name: str | None = None) -> Callable[[Callable], Callable]:
+def command(
+    app: typer.Typer, name: str | None = None, cls: type[TyperCommand] = TyperCommand
+) -> Callable[[Callable], Callable]:
     """Return a decorator that makes a function returning a ``Report`` a command of ``app``."""
 
     def register(function: Callable[..., Report]) -> Callable[..., Report]:
-        app.command(name)(_framed(function))
+        app.command(name, cls=cls)(_framed(function))
         return function
 
     return register

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simrig.cli import frame
+from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_file
 from simrig.errors import SimrigError
 
@@ -33,7 +33,7 @@ class Interpolation(StrEnum):
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
-    frame.command(app)(measure)
+    frame.command(app, cls=effect_options.ForcesEffects)(measure)
     frame.command(app)(reconstruct)
 
 
@@ -53,28 +53,59 @@ def measure(
     k: Annotated[float, typer.Option(help="Parameter k of algorithm 5.1.")] = 0.9,
     p_1: Annotated[int, typer.Option("--p1", help="Parameter p_1 of algorithm 5.1.")] = 5,
     p_2: Annotated[int, typer.Option("--p2", help="Parameter p_2 of algorithm 5.1.")] = 5,
+    tolerance: effect_options.Tolerance = None,
+    simulate: effect_options.Simulate = None,
+    without: effect_options.Without = None,
+    everything: effect_options.Everything = False,
+    ideal: Annotated[
+        bool, typer.Option(help="A rig without effects: points, exact axes, a perfect sensor.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of noise and errors of the axes.")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
 ) -> frame.Report:
     """Measure a material adaptively along slices with the virtual gonioreflectometer.
+
+    Which effects of the rig are simulated follows from the tolerance (dE=0.5 unless given): those
+    that could change the measured values by more together. The plan is kept in the measurement.
 
     What was measured so far is kept in .NAME.checkpoint beside the output: after Ctrl-C (or a
     kill) the same command goes on from there, with the same result as without the interruption.
     """
     placement = _placement(samples, elevation_step, azimuth_step, theta_max)
+    if ideal and (tolerance or simulate or without or everything):
+        raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
+    slice_types = slices.replace("-", "_")
 
     from simrig.data.load import load_material
+    from simrig.effects import Overrides, parse_tolerance
     from simrig.rigs.gonioreflectometer import Gonioreflectometer
+    from simrig.rigs.instrument import Instrument
+    from simrig.rigs.planning import plan_rig, with_plan
 
+    allowed = parse_tolerance(tolerance or effect_options.DEFAULT_TOLERANCE)
+    overrides = Overrides(tuple(simulate or ()), tuple(without or ()), everything)
+    rig, plan = Gonioreflectometer(instrument=Instrument(seed=seed)), None
     with output_file(output, force):
         reflectance = load_material(material)
         checkpoint = output.with_name(f".{output.name}.checkpoint")
         frame.on_interrupt(f"run the same command again to go on from '{checkpoint}'")
+        if not ideal:
+            plan = plan_rig(
+                reflectance,
+                rig,
+                allowed,
+                placement=placement,
+                samples=samples,
+                overrides=overrides,
+                slice_types=slice_types,
+            )
+            rig = with_plan(rig, plan)
         with frame.progress(f"measuring {reflectance.name}") as report:
-            measurement = Gonioreflectometer().measure(
+            measurement = rig.measure(
                 reflectance,
                 placement,
                 samples,
-                slice_types=slices.replace("-", "_"),
+                slice_types=slice_types,
                 k=k,
                 p_1=p_1,
                 p_2=p_2,
@@ -92,12 +123,14 @@ def measure(
             "slices": str(slices),
             "cost": cost.as_dict(),
             "provenance": dict(measurement.provenance),
+            "plan": plan.as_dict() if plan else None,
         },
         shown=[
             f"{output}: {cost.samples} samples of {measurement.material}, {placement.describe()} "
             f"({placement.intersections} intersections), {slices} slices",
             f"cost: {cost.hardware_hours:.1f} h of simulated hardware, "
             f"{cost.compute_seconds:.2f} s of computing",
+            *([effect_options.plan_table(plan, f"effects at {allowed}")] if plan else []),
         ],
     )
 

@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simrig.cli import frame
+from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_file
 from simrig.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.effects import Plan
+
+_SPP = 64  # where nothing is planned
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    frame.command(app)(render)
+    frame.command(app, cls=effect_options.ForcesEffects)(render)
 
 
 def render(
     material: Annotated[str, typer.Option(help="A built-in material or a material file.")],
     output: Annotated[Path, typer.Option(help="The picture: .exr (linear RGB) or .png (sRGB).")],
     scene: Annotated[str, typer.Option(help="See 'simrig materials'.")] = "sphere",
-    spp: Annotated[int, typer.Option(min=1, help="Samples per pixel.")] = 64,
+    spp: Annotated[int | None, typer.Option(min=1, help="Samples per pixel; planned else.")] = None,
+    integrator: Annotated[
+        str | None,
+        typer.Option(help="Plugin, or 'scene' for the scene's own; planned else."),
+    ] = None,
+    tolerance: effect_options.Tolerance = None,
+    simulate: effect_options.Simulate = None,
+    without: effect_options.Without = None,
+    everything: effect_options.Everything = False,
     resolution: Annotated[
         int | None, typer.Option(min=1, max=16384, help="Width of the picture in pixels.")
     ] = None,
@@ -42,11 +55,19 @@ def render(
     variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
 ) -> frame.Report:
-    """Render a material on a scene to an EXR picture (linear RGB), and a PNG to look at."""
+    """Render a material on a scene to an EXR picture (linear RGB), and a PNG to look at.
+
+    What is simulated follows from the tolerance, see 'simrig plan'. With --spp or --integrator
+    nothing is planned: the scene's own integrator and 64 samples stand for the one not given.
+    """
     if output.suffix.lower() not in (".exr", ".png"):
         raise SimrigError(f"'{output}': pictures are written as .exr or .png")
     if not 0.0 < exposure < float("inf"):
         raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
+    overrides = {"force": simulate or (), "without": without or (), "everything": everything}
+    by_hand = spp is not None or integrator is not None
+    if by_hand and (tolerance or any(overrides.values())):
+        raise SimrigError("--spp and --integrator replace the plan: leave them or its options out")
     files = [output]
     if png and output.suffix.lower() == ".exr":
         files.append(output.with_suffix(".png"))
@@ -55,7 +76,7 @@ def render(
 
     from simrig import backend
     from simrig.data.load import load_material
-    from simrig.evaluation import rendering
+    from simrig.evaluation import planning, rendering
     from simrig.evaluation.environment import BUILTIN, environment_lights
     from simrig.plugins import make_bsdf
     from simrig.scenes import build_scene
@@ -68,21 +89,48 @@ def render(
         if environment is not None or lights is not None:
             options["lights"] = environment_lights(environment or BUILTIN, lights or 256)
         options = {key: value for key, value in options.items() if value is not None}
-        bsdf = make_bsdf(load_material(material), rotation)
+        reflectance = load_material(material)
+
+        def subject() -> dict[str, Any]:  # built again where a plan asks for another variant
+            return build_scene(scene, make_bsdf(reflectance, rotation), **options)
+
+        planned = None
+        if not by_hand:
+            allowed = tolerance or effect_options.DEFAULT_TOLERANCE
+            planned = planning.plan_scene(subject, allowed, **overrides)
         with frame.progress("rendering") as report:
-            result = rendering.render(
-                build_scene(scene, bsdf, **options), spp=spp, seed=seed, progress=report
-            )
-        about = {"scene": scene, "material": material, "spp": spp, "seed": seed, "variant": variant}
-        _write(files, result.image, exposure, about)
+            if planned:
+                result = planning.planned_render(subject, planned, seed, report)
+            else:
+                chosen = None if integrator == "scene" else integrator
+                result = rendering.render(subject(), spp or _SPP, seed, chosen, report)
+        about = {
+            "scene": scene,
+            "material": material,
+            "spp": result.spp,
+            "seed": seed,
+            "variant": result.variant,
+            "integrator": result.integrator,
+        }
+        plan = planned.as_dict() if planned else None
+        _write(files, result.image, exposure, {**about, **_plan_metadata(plan)})
     height, width, _ = result.image.shape
+    sizes = {"files": files, "width": width, "height": height}
     return frame.Report(
-        data={**about, "files": files, "width": width, "height": height, **result.cost.as_dict()},
+        data={**about, **sizes, **result.cost.as_dict(), "plan": plan},
         shown=[
-            f"{', '.join(map(str, files))}: {width} × {height}, {spp} samples per pixel, "
-            f"{result.run_seconds:.2f} s and {result.compile_seconds:.2f} s of compilation"
+            f"{', '.join(map(str, files))}: {width} × {height}, {result.spp} samples per pixel, "
+            f"{result.run_seconds:.2f} s and {result.compile_seconds:.2f} s of compilation",
+            *_shown(planned),
         ],
     )
+
+
+def _plan_metadata(plan: dict[str, Any] | None) -> dict[str, str]:
+    """Return the plan as one string of JSON, which a picture's header can hold."""
+    import json
+
+    return {"plan": json.dumps(plan)} if plan else {}
 
 
 def _write(files: list[Path], image: Any, exposure: float, about: dict[str, Any]) -> None:
@@ -93,3 +141,9 @@ def _write(files: list[Path], image: Any, exposure: float, about: dict[str, Any]
             write_exr(path, image, about)
         else:
             write_png(path, image, exposure, about)
+
+
+def _shown(planned: Plan | None) -> list[Any]:
+    if planned is None:
+        return []
+    return [effect_options.plan_table(planned), effect_options.plan_line(planned)]

@@ -1,7 +1,8 @@
-"""``simrig stability``: float32 beside float64 on the hard cases."""
+"""``simrig stability``: everything that computes, on the hard cases."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -14,28 +15,36 @@ def register(app: typer.Typer) -> None:
     frame.command(app)(stability)
 
 
+class Backend(StrEnum):
+    """Where Dr.Jit and the plugins compute."""
+
+    AUTO = "auto"
+    LLVM = "llvm"
+    CUDA = "cuda"
+
+
 def stability(
     every_case: Annotated[
         bool, typer.Option(help="One line per hard case, not only the worst of each object.")
     ] = False,
+    backend: Annotated[
+        Backend, typer.Option(help="Where Dr.Jit and the plugins compute; auto prefers a GPU.")
+    ] = Backend.AUTO,
+    seed: Annotated[int, typer.Option(help="Of the random directions of the cases.")] = 0,
 ) -> frame.Report:
-    """Compute every reflectance and parameterisation on the hard cases, float32 beside float64.
+    """Compute everything on the hard cases, in single and double precision.
 
-    Exit code 2 when an error is larger than rounding and the conditioning of the case explain.
+    Every reflectance, parameterisation, plugin and method, beside references in extended
+    precision. Exit code 2 when an error is larger than rounding and conditioning explain.
     """
-    from dataclasses import asdict
+    from simrig.evaluation.stability import stability_suite
+    from simrig.evaluation.stability_rows import stability_data, stability_markdown
 
-    from simrig.evaluation.stability import (
-        stability_markdown,
-        stability_summary,
-        stability_table,
-    )
-
-    with frame.progress("hard cases"):
-        rows = stability_table()
-    summary = stability_summary(rows)
+    with frame.progress("hard cases") as report:
+        rows = stability_suite(str(backend), progress=report, seed=seed)
+    data = stability_data(rows)
     return frame.Report(
-        data={"summary": summary, "rows": [asdict(row) for row in rows]},
+        data=data,
         shown=[stability_markdown(rows, every_case)],
-        exit_code=frame.BAD_INPUT if summary["unexplained"] else 0,
+        exit_code=frame.BAD_INPUT if data["summary"]["unexplained"] else 0,
     )

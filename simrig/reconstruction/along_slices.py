@@ -17,6 +17,10 @@ from simrig.sampling.placement import MIRRORED, OPEN, PERIODIC
 
 INTERPOLATIONS = ("cubic", "pchip", "linear")
 
+# positions closer than this, in radians, are one: no arm can tell them apart, and a spline through
+# two values there would have a slope without meaning
+_SAME_POSITION = 1e-9
+
 
 class SliceInterpolator:
     """Piecewise interpolants along all slices of a plan.
@@ -35,9 +39,9 @@ class SliceInterpolator:
         if interpolation not in INTERPOLATIONS:
             raise unknown_name("interpolation", interpolation, INTERPOLATIONS)
         full = _unfold(knots)
+        full, self._values = _without_duplicates(full, values[full.sample].astype(np.float64))
         self._first, self._position = full.first, full.position
         self._periodic, self._period = full.ends != OPEN, full.length
-        self._values = values[full.sample].astype(np.float64)
         count = np.diff(full.first)
         self._last = full.first[1:] - 1
         gap, after = _gaps(full, self._periodic)
@@ -116,6 +120,22 @@ def _unfold(knots: Knots) -> Knots:
         position=np.concatenate(position),
         sample=np.concatenate(sample),
     )
+
+
+def _without_duplicates(knots: Knots, values: np.ndarray) -> tuple[Knots, np.ndarray]:
+    """Return the knots with those at one position merged, and their mean values, (K', C)."""
+    starts = np.ones(len(knots.position), dtype=bool)
+    starts[1:] = np.diff(knots.position) > _SAME_POSITION
+    starts[knots.first[:-1]] = True
+    if starts.all():
+        return knots, values
+    group = np.cumsum(starts) - 1
+    first = np.append(group[knots.first[:-1]], group[-1] + 1)
+    size = np.bincount(group)
+    position = np.bincount(group, knots.position) / size
+    means = [np.bincount(group, channel) / size for channel in values.T]
+    merged = Knots(first, knots.ends, knots.length, position, np.arange(len(size)))
+    return merged, np.stack(means, axis=1)
 
 
 def _gaps(knots: Knots, periodic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -207,9 +227,9 @@ def _pchip_tangents(
     h_0, h_1 = gap[before][:, None], gap[:, None]
     s_0, s_1 = slope[before], slope
     w_1, w_2 = 2.0 * h_1 + h_0, h_1 + 2.0 * h_0
-    same = s_0 * s_1 > 0.0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inner = (w_1 + w_2) / (w_1 / s_0 + w_2 / s_1)
+    same = np.sign(s_0) * np.sign(s_1) > 0.0  # the product of the slopes could underflow
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        inner = (w_1 + w_2) * s_0 / (w_1 + w_2 * (s_0 / s_1))  # no quotient of a denormal slope
     tangents = np.where(same, inner, 0.0)
     first, last = knots.first[:-1], knots.first[1:] - 1
     count = np.diff(knots.first)

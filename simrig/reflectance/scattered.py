@@ -120,13 +120,22 @@ class IsotropicInterpolator:
         coordinates = self._coordinates(*samples.directions)
         self._spread = np.maximum(coordinates.std(axis=0), 1e-9)
         try:
-            self._spline = RBFInterpolator(
+            self.spline = RBFInterpolator(
                 coordinates / self._spread, logarithms, smoothing=_SMOOTHING, degree=1
             )
         except (ValueError, np.linalg.LinAlgError) as error:
             raise SimrigError(
                 f"'{samples.name}' has too few different directions to interpolate"
             ) from error
+
+    @property
+    def condition(self) -> float:
+        """Condition number (2-norm) of the spline's linear system; infinite where singular.
+
+        Up to about 1e8 rounding does not show; from 1e16 on the system does not determine the
+        spline between its samples, and only the range that is never left bounds the result.
+        """
+        return float(np.linalg.cond(spline_system(self.spline, self.spline.y)))
 
     def _coordinates(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
         # beyond the data the pair is taken at the largest elevation, with the half vector there:
@@ -137,12 +146,20 @@ class IsotropicInterpolator:
             (np.log(theta_h + _SOFTEST), np.sqrt(wi[..., 2]), np.sqrt(wv[..., 2])), axis=-1
         )
 
+    def coordinates(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
+        """Return the points, shape (n, 3), where the spline is evaluated for directions (n, 3)."""
+        return self._coordinates(wi, wv) / self._spread
+
+    def limited(self, logarithms: np.ndarray) -> np.ndarray:
+        """Return logarithms of XYZ values, (..., 3), limited to the range of the samples'."""
+        return np.clip(logarithms, *self._range)
+
     def __call__(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
         """Return linear RGB, shape (n, 3), clipped to the gamut, for directions (n, 3)."""
-        return self._colours(self._spline(self._coordinates(wi, wv) / self._spread))
+        return self._colours(self.spline(self.coordinates(wi, wv)))
 
     def _colours(self, logarithms: np.ndarray) -> np.ndarray:
-        xyz = np.exp(np.clip(logarithms, *self._range)) - self._floor
+        xyz = np.exp(self.limited(logarithms)) - self._floor
         return np.maximum(np.maximum(xyz, 0.0) @ np.linalg.inv(_TO_XYZ).T, 0.0)
 
     def tabulate(self, shape: tuple[int, int, int]) -> np.ndarray:
@@ -159,7 +176,7 @@ class IsotropicInterpolator:
         ends = (first, second, second)
         axes = [np.linspace(end[0], end[1], n) for end, n in zip(ends, _NODES, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        grid = np.asarray(self._spline(points / self._spread)).reshape(*_NODES, 3)
+        grid = np.asarray(self.spline(points / self._spread)).reshape(*_NODES, 3)
         half = shape[2] // 2  # the other half is mirror symmetric, phi_d and -phi_d
         wi, wv = (d[:, :, :half] for d in bin_directions(shape, reciprocal=False))
         where = self._coordinates(wi, wv)
@@ -170,6 +187,37 @@ class IsotropicInterpolator:
         channels = [map_coordinates(grid[..., c], indices, mode="nearest") for c in range(3)]
         values = self._colours(np.stack(channels, axis=-1))
         return np.concatenate((values, values[:, :, ::-1]), axis=2)
+
+
+def spline_system(spline: RBFInterpolator, nodes: np.ndarray) -> np.ndarray:
+    """Return the matrix (n + m, n + m) of a thin-plate spline's n nodes and m monomials.
+
+    Coordinates are shifted and scaled as SciPy does before it solves.
+
+    Args:
+        spline: a SciPy interpolator with the kernel ``thin_plate_spline``.
+        nodes: its nodes ``spline.y``, (n, k), in the precision that is wanted.
+    """
+    count, monomials = len(nodes), len(spline.powers)
+    matrix = np.zeros((count + monomials,) * 2, dtype=nodes.dtype)
+    matrix[:count, :count] = thin_plate(nodes, nodes) + np.diag(spline.smoothing)
+    matrix[:count, count:] = spline_monomials(spline, nodes)
+    matrix[count:, :count] = matrix[:count, count:].T
+    return matrix
+
+
+def thin_plate(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the kernel r² log r between points (a, k) and (b, k), shape (a, b)."""
+    squared = np.sum((x[:, None, :] - y[None, :, :]) ** 2, axis=-1)
+    return 0.5 * squared * np.log(np.where(squared > 0.0, squared, 1.0))
+
+
+def spline_monomials(spline: RBFInterpolator, x: np.ndarray) -> np.ndarray:
+    """Return the monomials of a spline at points (a, k), shape (a, m)."""
+    low, high = spline.y.min(axis=0), spline.y.max(axis=0)
+    width = np.where(high > low, high - low, 2.0)
+    scaled = (x - 0.5 * (high + low)) / (0.5 * width)
+    return np.prod(scaled[:, None, :] ** spline.powers[None, :, :], axis=-1)
 
 
 def limit_elevation(direction: np.ndarray, theta_max: float) -> np.ndarray:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import simrig
 from simrig.cost import Cost
-from simrig.directions import to_vector
 from simrig.errors import SimrigError
-from simrig.reflectance.protocol import Reflectance, evaluate
+from simrig.reflectance.protocol import Reflectance
+from simrig.rigs.effects import check_effects
+from simrig.rigs.instrument import UTIA, Instrument
 from simrig.rigs.measurement import Measurement, ReplayLog, fingerprint
+from simrig.rigs.recording import at, record
 from simrig.rigs.timing import UTIA_TIMING, GonioreflectometerTiming
 from simrig.sampling.adaptive import AdaptiveSamples, sample_adaptively
 from simrig.sampling.placement import SlicePlacement, SubspacePlacement
@@ -27,17 +30,30 @@ Progress = Callable[[int, int], None]  # samples done, samples in total
 class Gonioreflectometer:
     """Two arms that place one light and one detector anywhere above the sample.
 
-    The direct level forms no image: no optics, exposure or noise is simulated, because the
-    directional plan alone decides the result here.
+    The direct level forms no image. Without effects every value is f_r at exactly one pair of
+    directions; with effects it is what optics, mechanics and sensor make of f_r around it.
 
     Attributes:
         timing: how long the hardware takes.
+        instrument: optics and sensor; only the effects read it.
+        effects: names of the effects that are simulated (``simrig.rigs.effects``); none by
+            default.
+        plan: how the effects were chosen, as plain values; kept in the provenance.
+
+    Raises:
+        SimrigError: an unknown effect.
     """
 
     timing: GonioreflectometerTiming = UTIA_TIMING
+    instrument: Instrument = UTIA
+    effects: tuple[str, ...] = ()
+    plan: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", check_effects(self.effects))
 
     def measure_directions(self, reflectance: Reflectance, angles: np.ndarray) -> np.ndarray:
-        """Return f_r at given directions.
+        """Return f_r at given directions, as the rig's effects let it appear.
 
         Args:
             reflectance: the material.
@@ -54,9 +70,10 @@ class Gonioreflectometer:
         if not np.all((theta >= 0.0) & (theta < np.pi / 2)):
             worst = np.degrees(theta.flat[np.argmax(np.abs(theta - np.pi / 4))])
             raise SimrigError(f"elevations must lie in [0, 90) degrees, got {worst:g}")
-        wi = to_vector(angles[:, 0], angles[:, 2])
-        wv = to_vector(angles[:, 1], angles[:, 3])
-        values = evaluate(reflectance, wi, wv)
+        if self.effects:
+            values = record(reflectance, angles, self.instrument, self.effects)
+        else:
+            values = at(reflectance, angles)
         bad = ~np.all(np.isfinite(values) & (values >= 0.0), axis=1)
         if np.any(bad):
             where = ", ".join(f"{a:.2f}°" for a in np.degrees(angles[bad][0]))
@@ -104,6 +121,7 @@ class Gonioreflectometer:
             "p_1": p_1,
             "p_2": p_2,
             "material": fingerprint(reflectance),
+            **self._conditions(),
         }
         log = ReplayLog(checkpoint, setting)
 
@@ -153,8 +171,9 @@ class Gonioreflectometer:
             take, placement, samples, materials=len(reflectances), slice_types=slice_types
         )
         seconds = (time.perf_counter() - start) / len(reflectances)
+        setting = {"samples": samples, **self._conditions()}
         return [
-            self._measurement(own, placement, slice_types, material, {"samples": samples}, seconds)
+            self._measurement(own, placement, slice_types, material, setting, seconds)
             for own, material in zip(found, reflectances, strict=True)
         ]
 
@@ -183,6 +202,12 @@ class Gonioreflectometer:
             slice_types="axial_diagonal",
         )[0]
 
+    def _conditions(self) -> dict[str, Any]:
+        """Return the effects and what they depend on, as plain values; nothing without effects."""
+        if not self.effects:
+            return {}
+        return {"effects": list(self.effects), "instrument": asdict(self.instrument)}
+
     def _check_reach(self, reflectances: Sequence[Reflectance], placement: SlicePlacement) -> None:
         for reflectance in reflectances:
             # files often hold angles as float32: 80° is then 79.99998°
@@ -209,10 +234,12 @@ class Gonioreflectometer:
             compute_seconds=seconds,
             bytes=count * 7 * 8,
         )
-        provenance = {
+        provenance: dict[str, Any] = {
             "rig": "gonioreflectometer, direct level",
             "plan": f"adaptive along slices, {placement.describe()}, {slice_types}",
             "parameters": setting,
             "simrig_version": simrig.__version__,
         }
+        if self.plan is not None:
+            provenance["effects"] = dict(self.plan)
         return Measurement(found, placement, slice_types, reflectance.name, cost, provenance)

@@ -1,0 +1,10 @@
+"""The planner of scenes: which effects a picture calls for, and the settings that follow.
+
+See ``docs/effects.md``.
+"""
+
+from simrig.evaluation.planning.effects import EFFECT_NAMES
+from simrig.evaluation.planning.experiments import plan_experiment
+from simrig.evaluation.planning.planner import plan_scene, planned_integrator, planned_render
+
+__all__ = ["EFFECT_NAMES", "plan_experiment", "plan_scene", "planned_integrator", "planned_render"]

@@ -1,0 +1,190 @@
+"""The effects of scenes. Their subject is a ``SceneSubject``, that of anti-aliasing its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from simrig.effects import Bound, Effect, Tolerance
+from simrig.evaluation.planning.probe import PIXELS
+from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
+
+USUAL_SPP = 16  # for estimates of cost, before the samples per pixel are known
+_SHADOW_RAY = 0.3  # of the cost of a sample in direct light
+_BOUNCE = 1.0  # likewise, for each further reflection
+_USUAL_BOUNCES = 4
+_WAVELENGTHS = 1.5  # a spectral sample over an RGB one
+_UNSHADOWED_SAFETY = 2.0
+# The chance that a shadow on more than 3/n of the picture is missed by n pixels is below 5 %.
+_RULE_OF_THREE = 3.0 / PIXELS
+
+
+def _direct_seconds(subject: SceneSubject) -> float:
+    return subject.look.seconds_per_sample * subject.pixels * USUAL_SPP
+
+
+@dataclass(frozen=True)
+class Shadowing:
+    """Whether lights are tested for being hidden."""
+
+    name: str = "shadowing"
+    description: str = "lights hidden from a surface by what stands in between"
+
+    def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
+        """Return 0 where bounding volumes leave no room for a shadow."""
+        if not subject.shadows_possible:
+            why = "no bounding sphere reaches between a surface and a light"
+            if subject.survey.one_convex_body:
+                why = "one convex body: the cosine says all about its shadow"
+            return Bound(0.0, tolerance.unit, why)
+        if not subject.survey.only_delta_lights:
+            return None
+        seen = _UNSHADOWED_SAFETY * subject.unshadowed_change(tolerance)
+        missed = _RULE_OF_THREE * subject.black_change(tolerance)
+        return Bound(
+            seen + missed,
+            tolerance.unit,
+            f"without shadows {PIXELS} pixels change by {seen:.3g} (doubled); unseen ones may too",
+        )
+
+    def cost(self, subject: SceneSubject) -> float:
+        """Return the seconds of one more ray per light."""
+        return _SHADOW_RAY * _direct_seconds(subject)
+
+
+@dataclass(frozen=True)
+class InterReflection:
+    """Light that comes by way of other surfaces, order by order."""
+
+    name: str = "inter-reflection"
+    description: str = "light reflected more than once; planned by its order (path depth)"
+
+    def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
+        """Return 0 for one convex body, else the sum over all orders."""
+        if subject.survey.one_convex_body:
+            return Bound(0.0, tolerance.unit, "one convex body: no point sees another")
+        if subject.survey.unknown:
+            return None
+        if not subject.survey.bodies:
+            return Bound(0.0, tolerance.unit, "there is no surface", absent=True)
+        return Bound(
+            subject.indirect_change(tolerance),
+            tolerance.unit,
+            "albedo and solid angle of the other bodies times the radiance that they send",
+        )
+
+    def cost(self, subject: SceneSubject) -> float:
+        """Return the seconds of a few more reflections."""
+        return _BOUNCE * _USUAL_BOUNCES * _direct_seconds(subject)
+
+
+@dataclass(frozen=True)
+class BsdfSampling:
+    """Whether directions are drawn from the BSDF besides those of the lights."""
+
+    name: str = "bsdf-sampling"
+    description: str = "directions drawn from the BSDF, for lobes narrower than a light"
+
+    def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
+        """Return 0 under delta lights; else all light may come through a narrow lobe."""
+        if subject.survey.only_delta_lights:
+            why = "delta lights only: sampling them is exact, the BSDF never meets them"
+            return Bound(0.0, tolerance.unit, why)
+        change = subject.black_change(tolerance)
+        why = "a lobe narrower than its light may carry all that is seen"
+        return Bound(change, tolerance.unit, why)
+
+    def cost(self, subject: SceneSubject) -> float:
+        """Return the seconds of one more direction per sample."""
+        return _BOUNCE * _direct_seconds(subject)
+
+
+@dataclass(frozen=True)
+class EnvironmentLight:
+    """An environment map against N directional lights that stand for it."""
+
+    name: str = "environment"
+    description: str = "the environment map itself instead of directional lights for it"
+
+    def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
+        """Return 0 without a map."""
+        if subject.survey.environment is None:
+            return Bound(0.0, tolerance.unit, "the scene has no environment map", absent=True)
+        return None
+
+    def cost(self, subject: SceneSubject) -> float:
+        """Return the seconds of sampling the map."""
+        return _BOUNCE * _direct_seconds(subject)
+
+
+@dataclass(frozen=True)
+class SpectralRendering:
+    """Wavelengths instead of red, green and blue."""
+
+    name: str = "spectral"
+    description: str = "wavelengths transported instead of red, green and blue"
+
+    def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
+        """Return 0 where all data are RGB: spectra made from them hold no more."""
+        source = subject.source
+        if source.spectral == ():
+            why = "all data are RGB: there is no spectrum to transport"
+            return Bound(0.0, tolerance.unit, why, absent=True)
+        if not source.rebuilds:
+            why = "a loaded scene stays in its variant"
+            return Bound(0.0, tolerance.unit, why, absent=True)
+        return None
+
+    def cost(self, subject: SceneSubject) -> float:
+        """Return the seconds that spectral samples add."""
+        return (_WAVELENGTHS - 1.0) * _direct_seconds(subject)
+
+
+@dataclass(frozen=True)
+class Mesostructure:
+    """A spatially varying BTF against its mean BRDF."""
+
+    name: str = "mesostructure"
+    description: str = "the BTF of a material instead of its mean BRDF"
+
+    def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
+        """Return 0: no material of a scene can be a BTF yet."""
+        return Bound(0.0, tolerance.unit, "the scene has no BTF", absent=True)
+
+    def cost(self, subject: SceneSubject) -> float:
+        """Return 0: there is nothing to simulate."""
+        return 0.0
+
+
+@dataclass
+class AntiAliasing:
+    """Samples per pixel: edges, highlights and noise within a pixel's footprint."""
+
+    name: str = "anti-aliasing"
+    description: str = "several samples per pixel: edges, narrow highlights, noise of sampling"
+    _asked: dict = field(default_factory=dict, repr=False)
+
+    def bound(self, subject: SampledSubject, tolerance: Tolerance) -> Bound | None:
+        """Return the expected change of one sample per pixel."""
+        if subject.subject.source.pixel_centres:
+            why = "the camera looks through pixel centres only"
+            return Bound(0.0, tolerance.unit, why, absent=True)
+        change = subject.change(tolerance, 1)
+        return Bound(
+            change, tolerance.unit, f"one sample for each of {len(subject.look.body)} pixels"
+        )
+
+    def cost(self, subject: SampledSubject) -> float:
+        """Return the seconds of the usual number of samples."""
+        return subject.look.seconds_per_sample * subject.subject.pixels * (USUAL_SPP - 1)
+
+
+SCENE_EFFECTS: tuple[Effect, ...] = (
+    Shadowing(),
+    InterReflection(),
+    BsdfSampling(),
+    EnvironmentLight(),
+    SpectralRendering(),
+    Mesostructure(),
+)
+ANTI_ALIASING: Effect = AntiAliasing()
+EFFECT_NAMES = tuple(effect.name for effect in (*SCENE_EFFECTS, ANTI_ALIASING))

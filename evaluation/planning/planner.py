@@ -1,0 +1,263 @@
+"""From a scene and a tolerance to the effects that it calls for and the settings of the renderer.
+
+The rule: half of the tolerance is for what is left out (``simrig.effects.decide``: effects are
+left out from the smallest bound upwards while the sum is within it; the orders of reflection
+beyond the path depth use what remains of it), the other half for the noise of sampling a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+from simrig import backend
+from simrig.effects import Decision, Overrides, Plan, Tolerance, decide, parse_tolerance
+from simrig.errors import SimrigError
+from simrig.evaluation import rendering
+from simrig.evaluation.planning.effects import ANTI_ALIASING, EFFECT_NAMES, SCENE_EFFECTS, USUAL_SPP
+from simrig.evaluation.planning.integrators import (
+    DIRECT_DEPTH,
+    UNLIMITED,
+    direct_integrator,
+    path_integrator,
+)
+from simrig.evaluation.planning.probe import PATH_SAMPLES, SAMPLES, look
+from simrig.evaluation.planning.source import scene_source
+from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
+
+LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
+# tracing a path tests what is in its way, and goes on in directions of the BSDF
+_NEEDED_BY_PATHS = ("shadowing", "bsdf-sampling")
+
+
+def plan_scene(
+    scene: Any,
+    tolerance: Tolerance | str,
+    force: Iterable[str] = (),
+    without: Iterable[str] = (),
+    everything: bool = False,
+    variant: str = "auto",
+    exposure: float | None = None,
+) -> Plan:
+    """Return which effects a picture of a scene calls for, and the settings that follow.
+
+    Args:
+        scene: a Mitsuba dictionary, a loaded scene, the path of an XML file, or a function that
+            returns one of the first two for the current variant.
+        tolerance: how far the picture may be from the converged one with every effect.
+        force, without, everything: effects that the user decides about, see
+            ``simrig.effects.Overrides``.
+        variant: in which the picture will be rendered; spectral ones replace it where the scene
+            calls for them.
+        exposure: of the display on which the tolerance is meant; by default that at which the
+            picture shows well (``rendering.display_exposure``).
+
+    Returns:
+        The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
+        ``max_depth``), ``about`` the exposure and the seconds of planning.
+
+    Raises:
+        SimrigError: a scene that cannot be built, an unknown effect or tolerance, or overrides
+            that contradict each other.
+    """
+    start = time.perf_counter()
+    tolerance = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
+    overrides = Overrides(tuple(force), tuple(without), everything)
+    overrides.check(EFFECT_NAMES)
+    _check_paths(overrides)
+    source = scene_source_in(scene, variant)
+    first_variant = backend.current()
+    subject = SceneSubject(source, exposure)
+    _check_possible(subject, overrides)
+    allowed = tolerance.times(LEFT_OUT_SHARE)
+    decisions = decide(SCENE_EFFECTS, subject, allowed, _known(overrides, SCENE_EFFECTS))
+    decisions = _with_paths(decisions, overrides)
+    on = {decision.effect: decision.on for decision in decisions}
+    depth = _depth(subject, allowed, decisions, overrides)
+    subject = _in_variant(subject, on["spectral"], exposure)
+    integrator = _integrator(subject, on, depth)
+    sampled = _sampled(subject, integrator)
+    (smoothing,) = decide(
+        (ANTI_ALIASING,),
+        sampled,
+        tolerance.times(1.0 - LEFT_OUT_SHARE),
+        _known(overrides, (ANTI_ALIASING,)),
+    )
+    spp, smoothing = _samples(sampled, smoothing, tolerance.times(1.0 - LEFT_OUT_SHARE))
+    settings = {
+        "integrator": integrator["type"],
+        "depth": depth,
+        "spp": spp,
+        "variant": backend.current(),
+    }
+    backend.select(first_variant)
+    about = {
+        "exposure": subject.exposure,
+        "scene": subject.survey.describe(),
+        "planning_s": time.perf_counter() - start,
+    }
+    costed = tuple(replace(d, cost_s=d.cost_s * spp / USUAL_SPP) for d in decisions)
+    return Plan((*costed, smoothing), settings, tolerance, about)
+
+
+def planned_render(
+    scene: Any,
+    plan: Plan,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> rendering.RenderResult:
+    """Render a scene with what its plan switched on.
+
+    Args:
+        scene: what was planned.
+        plan: from ``plan_scene``.
+        seed, progress: see ``rendering.render``.
+    """
+    source = scene_source_in(scene, plan.settings["variant"])
+    loaded = rendering.load(source.build())
+    integrator = planned_integrator(loaded, plan)
+    return rendering.render(loaded, plan.settings["spp"], seed, integrator, progress)
+
+
+def planned_integrator(scene: Any, plan: Plan) -> dict[str, Any]:
+    """Return the integrator of a plan as a Mitsuba dictionary.
+
+    Args:
+        scene: the loaded scene.
+        plan: from ``plan_scene``.
+    """
+    kind, depth = plan.settings["integrator"], plan.settings["depth"]
+    if kind in ("path", "volpath"):
+        return path_integrator(scene, depth, kind == "volpath")
+    return direct_integrator(scene, plan.on("shadowing"), plan.on("bsdf-sampling"))
+
+
+def scene_source_in(scene: Any, variant: str) -> Any:
+    """Select a variant and return where the scene comes from.
+
+    A scene made of Mitsuba objects stays in the variant that is set.
+    """
+    import mitsuba as mi
+
+    if mi.variant() is None or not hasattr(scene, "sensors"):
+        current = mi.variant()
+        if current is None or variant != "auto":
+            backend.select(variant)
+    return scene_source(scene)
+
+
+def _known(overrides: Overrides, effects: Iterable[Any]) -> Overrides:
+    """Return the overrides that concern some of the effects."""
+    names = {effect.name for effect in effects}
+    return Overrides(
+        tuple(name for name in overrides.force if name in names),
+        tuple(name for name in overrides.without if name in names),
+        overrides.everything,
+    )
+
+
+def _check_paths(overrides: Overrides) -> None:
+    if "inter-reflection" in overrides.force:
+        for needed in _NEEDED_BY_PATHS:
+            if needed in overrides.without:
+                raise SimrigError(
+                    f"inter-reflection cannot be simulated without {needed}: leave out both or none"
+                )
+
+
+def _check_possible(subject: SceneSubject, overrides: Overrides) -> None:
+    """Refuse what was asked for where it could not be done."""
+    if "environment" in overrides.without and subject.survey.environment is not None:
+        raise SimrigError(
+            "the environment map of a scene cannot be left out: give it directional lights in the "
+            "map's place, as the scene 'environment_sphere' has them"
+        )
+    variant = backend.current()
+    if "spectral" in overrides.force and "spectral" not in variant and not subject.source.rebuilds:
+        raise SimrigError(
+            f"the scene is made of objects of the variant '{variant}', which has no spectra: "
+            "give a function that builds it, or load it in a spectral variant"
+        )
+
+
+def _with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[Decision, ...]:
+    """Return the decisions with what inter-reflection needs switched on, or itself off."""
+    on = {decision.effect: decision.on for decision in decisions}
+    if not on["inter-reflection"]:
+        return decisions
+    missing = [name for name in _NEEDED_BY_PATHS if name in overrides.without]
+    changed = []
+    for decision in decisions:
+        if missing and decision.effect == "inter-reflection":
+            decision = replace(decision, on=False, why=f"cannot be simulated without {missing[0]}")
+        elif not missing and decision.effect in _NEEDED_BY_PATHS and not decision.on:
+            decision = replace(decision, on=True, why="comes with inter-reflection")
+        changed.append(decision)
+    return tuple(changed)
+
+
+def _depth(
+    subject: SceneSubject,
+    allowed: Tolerance,
+    decisions: tuple[Decision, ...],
+    overrides: Overrides,
+) -> int:
+    """Return the path depth: the orders beyond it use what the left-out effects leave."""
+    used = 0.0
+    for decision in decisions:
+        if decision.effect == "inter-reflection":
+            indirect = decision
+        elif not decision.on and decision.bound is not None:
+            used += decision.bound.value
+    if not indirect.on:
+        return DIRECT_DEPTH
+    if indirect.bound is None or overrides.everything:
+        return UNLIMITED
+    if indirect.bound.value == 0.0:
+        return DIRECT_DEPTH + 1
+    orders = subject.orders_needed(allowed, max(allowed.amount - used, 0.0))
+    return UNLIMITED if orders is None else DIRECT_DEPTH + max(orders, 1)
+
+
+def _in_variant(subject: SceneSubject, spectral: bool, exposure: float | None) -> SceneSubject:
+    """Return the subject in the spectral variant when the plan calls for it."""
+    variant = backend.current()
+    if spectral == ("spectral" in variant) or not subject.source.rebuilds:
+        return subject
+    exposure = subject.exposure if exposure is None else exposure
+    first, second = ("rgb", "spectral") if spectral else ("spectral", "rgb")
+    backend.select(variant.replace(first, second))
+    return SceneSubject(subject.source, exposure)
+
+
+def _integrator(subject: SceneSubject, on: dict[str, bool], depth: int) -> dict[str, Any]:
+    if on["inter-reflection"]:
+        media = subject.survey.unknown == "participating media"
+        return path_integrator(subject.scene, depth, media)
+    return direct_integrator(subject.scene, on["shadowing"], on["bsdf-sampling"])
+
+
+def _sampled(subject: SceneSubject, integrator: dict[str, Any]) -> SampledSubject:
+    """Return the pixels as the integrator samples them; those of direct light are there."""
+    if subject.survey.only_delta_lights and integrator["type"] not in ("path", "volpath"):
+        return SampledSubject(subject, subject.look)
+    samples = PATH_SAMPLES if integrator["type"] != subject.direct["type"] else SAMPLES
+    return SampledSubject(subject, look(subject.scene, integrator, samples))
+
+
+def _samples(
+    sampled: SampledSubject, decision: Decision, allowed: Tolerance
+) -> tuple[int, Decision]:
+    """Return the samples per pixel, and the decision about them with its settings."""
+    if not decision.on:
+        return 1, decision
+    if decision.bound is None or decision.bound.absent:
+        return 1, decision
+    spp, change = sampled.needed(allowed, allowed.amount)
+    reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
+    why = f"{decision.why}; {spp} samples per pixel leave {change:.3g}{reached}"
+    cost = decision.cost_s * (spp - 1) / (USUAL_SPP - 1)
+    return spp, replace(decision, why=why, cost_s=cost if math.isfinite(cost) else 0.0)

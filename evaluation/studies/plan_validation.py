@@ -1,0 +1,245 @@
+"""Validation of the planner: planned renders against converged ones with every effect.
+
+All scenes, three of them built as traps, over five materials and four tolerances. A row compares
+one render by plan with the picture that has everything on and is rendered until its noise is small
+(or its share of the time is spent). ``met`` says whether the mean ΔE of the planned render is
+within the tolerance with all noise included, its own and that of the reference; it is None where
+it is not and the reference is too noisy to tell. ``delta_e_corrected`` has the standard error of
+the reference, stated beside, taken off in quadrature. ``everything_seconds`` is the render that
+the same planner chooses for the same tolerance with everything on; both run one after the other,
+and compilation is told from running.
+
+All bounds are checked as ``simrig ablate`` does: a violation is a bound smaller than the change
+that is certain beyond noise. ``direct`` compares, where nothing but direct light matters, the
+planned render with a hand-written scene of the same samples (medians of alternating renders).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from simrig import backend
+from simrig.data.load import load_material
+from simrig.effects import Tolerance
+from simrig.evaluation import rendering
+from simrig.evaluation.ablation import effect_rows, plan_row, planned_render_row
+from simrig.evaluation.ablation_pictures import Pictures
+from simrig.evaluation.planning import plan_scene, planned_render
+from simrig.evaluation.replicates import Change
+from simrig.plugins import make_bsdf
+from simrig.scenes import build_scene
+
+# scene: options that keep it small; an environment of fewer lights is no easier to plan
+SCENE_OPTIONS: dict[str, dict[str, Any]] = {
+    "sphere": {},
+    "four_spheres": {"columns": 2},
+    "cylinder": {},
+    "environment_sphere": {"lights": 64},
+    "mirror_neighbour": {},
+    "bright_corner": {},
+    "hidden_light": {},
+}
+MATERIALS = ("lambert", "ward", "yellow_satin", "fabric002", "brushed_aluminium")
+TOLERANCES = (0.2, 0.5, 1.0, 2.0)  # mean ΔE
+_TELLS = 0.5  # of the tolerance: a reference of a larger standard error cannot tell a miss
+_DIRECT_SCENES = ("sphere", "cylinder")
+_DIRECT_ROUNDS = 9
+
+
+def run(
+    progress: Callable[..., None] | None = None,
+    scenes: Sequence[str] = tuple(SCENE_OPTIONS),
+    materials: Sequence[str] = MATERIALS,
+    tolerances: Sequence[float] = TOLERANCES,
+    resolution: int = 64,
+    budget_seconds: float = 2.5,
+) -> dict[str, Any]:
+    """Run the study.
+
+    Args:
+        progress: called with the number of cells done and in total.
+        scenes: names from ``SCENE_OPTIONS``.
+        materials: built-in names or files.
+        tolerances: mean ΔE.
+        resolution: width of the pictures in pixels.
+        budget_seconds: for the picture with everything of one scene and material; the pictures
+            that check the bounds take as long each, or less.
+
+    Returns:
+        ``rows`` (one per scene, material and tolerance), ``checks`` (one per bound), ``direct``
+        and a ``summary``.
+    """
+    backend.select("auto")
+    rows: list[dict[str, Any]] = []
+    checks: list[dict[str, Any]] = []
+    cells = [(scene, material) for scene in scenes for material in materials]
+    for done, (scene, material) in enumerate(cells):
+        if progress is not None:
+            progress(done, len(cells), f"{scene}, {material}")
+        allowed = [Tolerance("dE", value) for value in sorted(tolerances)]
+        cell_rows, cell_checks = _cell(
+            _builder(scene, material, resolution), allowed, budget_seconds
+        )
+        about = {"scene": scene, "material": material}
+        rows += [about | row for row in cell_rows]
+        checks += [about | check for check in cell_checks]
+    direct = [_direct(name, materials[0]) for name in scenes if name in _DIRECT_SCENES]
+    if progress is not None:
+        progress(len(cells), len(cells))
+    return {
+        "study": "plan-validation",
+        "rows": rows,
+        "checks": checks,
+        "direct": direct,
+        "summary": _summary(rows, checks),
+    }
+
+
+def _builder(scene: str, material: str, resolution: int) -> Callable[[], dict[str, Any]]:
+    reflectance = load_material(material)
+    options = {"resolution": resolution, **SCENE_OPTIONS[scene]}
+    return lambda: build_scene(scene, make_bsdf(reflectance), **options)
+
+
+def _cell(
+    scene: Callable[[], dict[str, Any]], tolerances: Sequence[Tolerance], budget_seconds: float
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the rows and the checks of one scene with one material."""
+    strictest = plan_scene(scene, tolerances[0])
+    pictures = Pictures(scene, strictest, budget_seconds)
+    found = [row for decision in strictest.effects for row in effect_rows(pictures, decision)]
+    rows = []
+    for tolerance in tolerances:
+        plan = plan_scene(scene, tolerance, exposure=pictures.exposure)
+        found.append(plan_row(pictures, plan))
+        rows.append(_row(pictures, plan))
+    kept = ("effect", "what", "bound", "measured", "noise", "least", "violated")
+    checks = [row.as_dict() for row in found if row.bound is not None]
+    return rows, [{key: check[key] for key in kept} for check in checks]
+
+
+def _row(pictures: Pictures, plan: Any) -> dict[str, Any]:
+    off, result = planned_render_row(pictures, plan)
+    everything = plan_scene(
+        pictures.scene, plan.tolerance, everything=True, exposure=pictures.exposure
+    )
+    full = planned_render(pictures.scene, everything, seed=pictures.seed + 2)
+    return {
+        "tolerance": plan.tolerance.value,
+        "delta_e": off.change.measured,
+        "reference_error": off.change.noise,
+        "delta_e_corrected": off.change.corrected,
+        "met": _met(off.change, plan.tolerance),
+        "integrator": plan.settings["integrator"],
+        "depth": plan.settings["depth"],
+        "spp": plan.settings["spp"],
+        "seconds": result.run_seconds,
+        "compile_seconds": result.compile_seconds,
+        "everything_spp": everything.settings["spp"],
+        "everything_seconds": full.run_seconds,
+        "everything_compile_seconds": full.compile_seconds,
+        "time_saved": 1.0 - result.run_seconds / full.run_seconds,
+        "planning_seconds": plan.about["planning_s"],
+    }
+
+
+def _met(change: Change, tolerance: Tolerance) -> bool | None:
+    """Return whether a tolerance is met, None where the reference is too noisy to tell."""
+    if change.measured <= tolerance.amount:  # even with the noise of the reference
+        return True
+    return None if change.noise > _TELLS * tolerance.amount else False
+
+
+def _direct(scene: str, material: str) -> dict[str, Any]:
+    """Return the run times of a planned render and of a scene written by hand for direct light."""
+    reflectance = load_material(material)
+
+    def build() -> dict[str, Any]:
+        return build_scene(scene, make_bsdf(reflectance), resolution=256)
+
+    plan = plan_scene(build, "dE=0.5")
+    minimal = rendering.load(build())  # its own integrator is 'direct' with one light sample
+    seconds: dict[str, list[float]] = {"planned": [], "minimal": []}
+    for turn in range(_DIRECT_ROUNDS + 1):  # the first round compiles
+        planned = planned_render(build, plan, seed=turn)
+        by_hand = rendering.render(minimal, plan.settings["spp"], seed=turn)
+        if turn:
+            seconds["planned"].append(planned.run_seconds)
+            seconds["minimal"].append(by_hand.run_seconds)
+    medians = {name: float(np.median(values)) for name, values in seconds.items()}
+    return {
+        "scene": scene,
+        "spp": plan.settings["spp"],
+        "seconds": medians["planned"],
+        "minimal_seconds": medians["minimal"],
+        "ratio": medians["planned"] / medians["minimal"],
+    }
+
+
+def _summary(rows: Sequence[dict[str, Any]], checks: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    planned = sum(row["seconds"] for row in rows)
+    everything = sum(row["everything_seconds"] for row in rows)
+    planning = [row["planning_seconds"] for row in rows]
+    cheap = [
+        row["planning_seconds"] < 0.2 or row["planning_seconds"] < 0.05 * row["seconds"]
+        for row in rows
+    ]
+    return {
+        "cases": len(rows),
+        "met": sum(row["met"] is True for row in rows),
+        "missed": sum(row["met"] is False for row in rows),
+        "checks": len(checks),
+        "violations": sum(check["violated"] for check in checks),
+        "seconds": planned,
+        "everything_seconds": everything,
+        "time_saved": 1.0 - planned / everything,
+        "planning_median_s": float(np.median(planning)),
+        "planning_max_s": float(np.max(planning)),
+        "planning_cheap": sum(cheap),
+    }
+
+
+def table(results: dict[str, Any]) -> Any:
+    """Return the results as a table for the terminal."""
+    from rich.console import Group
+    from rich.table import Table
+
+    values = list(dict.fromkeys(row["tolerance"] for row in results["rows"]))
+    shown = Table(title="planned renders: ΔE (spp, time saved); ! missed, ? reference too noisy")
+    for name in ("scene", "material", "reference ±ΔE"):
+        shown.add_column(name)
+    for value in values:
+        shown.add_column(f"tolerance {value:g}", justify="right")
+    shown.add_column("planning [s]", justify="right")
+    for scene, material in dict.fromkeys((r["scene"], r["material"]) for r in results["rows"]):
+        cell = [r for r in results["rows"] if (r["scene"], r["material"]) == (scene, material)]
+        planning = max(row["planning_seconds"] for row in cell)
+        known = f"{cell[0]['reference_error']:.3f}"
+        shown.add_row(scene, material, known, *map(_text, cell), f"{planning:.2f}")
+    lines = [
+        f"direct light only, {one['scene']}: planned {one['seconds']:.4f} s, written by hand "
+        f"{one['minimal_seconds']:.4f} s, ratio {one['ratio']:.2f}"
+        for one in results["direct"]
+    ]
+    return Group(shown, *lines, _said(results["summary"]))
+
+
+def _text(row: dict[str, Any]) -> str:
+    missed = {True: "", False: " !", None: " ?"}[row["met"]]
+    return f"{row['delta_e_corrected']:.3f} ({row['spp']}, {row['time_saved']:.0%}){missed}"
+
+
+def _said(summary: dict[str, Any]) -> str:
+    return (
+        f"{summary['met']} of {summary['cases']} renders meet their tolerance, "
+        f"{summary['missed']} miss it; "
+        f"{summary['violations']} of {summary['checks']} bounds are violated; "
+        f"rendering took {summary['seconds']:.1f} s planned and "
+        f"{summary['everything_seconds']:.1f} s with everything ({summary['time_saved']:.0%} "
+        f"saved); planning {summary['planning_median_s']:.2f} s in the median, "
+        f"{summary['planning_max_s']:.2f} s at most, below 0.2 s or 5 % of its render in "
+        f"{summary['planning_cheap']} of {summary['cases']} cases"
+    )

@@ -1,0 +1,96 @@
+"""The options with which a user overrides the planner, and how plans are shown.
+
+``--force`` alone replaces an existing output, as it does everywhere; followed by the name of an
+effect it simulates that effect.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from simrig.cli import frame
+
+if TYPE_CHECKING:
+    from simrig.effects import Plan
+
+_FORCE, _SIMULATE = "--force", "--simulate"
+
+DEFAULT_TOLERANCE = "dE=0.5"
+Tolerance = Annotated[
+    str | None,
+    typer.Option(help="How far from simulating everything: dE=0.5, psnr=45, relative=0.01."),
+]
+Simulate = Annotated[
+    list[str] | None,
+    typer.Option(_SIMULATE, help="Simulate this effect in any case; also: --force EFFECT."),
+]
+Without = Annotated[
+    list[str] | None, typer.Option("--without", help="Leave this effect out in any case.")
+]
+Everything = Annotated[
+    bool, typer.Option("--everything", help="Simulate every effect that is there.")
+]
+
+
+class ForcesEffects(TyperCommand):
+    """A command whose ``--force EFFECT`` means ``--simulate EFFECT``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Tell the two meanings of ``--force`` apart, then parse."""
+        takes_arguments = any(item.param_type_name == "argument" for item in self.params)
+        replaces_files = any(_FORCE in item.opts for item in self.params)
+        told = tell_forces_apart(args, ambiguous=takes_arguments and replaces_files)
+        return super().parse_args(ctx, told)
+
+
+def tell_forces_apart(args: list[str], ambiguous: bool) -> list[str]:
+    """Return a command line with ``--simulate`` in place of every ``--force`` of an effect.
+
+    Args:
+        args: what follows the command's name.
+        ambiguous: whether the word after ``--force`` may be an argument of the command; then
+            only the name of a known effect is taken for one.
+    """
+    told = list(args)
+    for index, word in enumerate(told):
+        if word.startswith(f"{_FORCE}="):
+            told[index] = _SIMULATE + word.removeprefix(_FORCE)
+            continue
+        following = told[index + 1] if index + 1 < len(told) else "-"
+        if word != _FORCE or following.startswith("-"):
+            continue
+        if not ambiguous or following in _known_effects():
+            told[index] = _SIMULATE
+    return told
+
+
+def _known_effects() -> tuple[str, ...]:
+    from simrig.evaluation.planning import EFFECT_NAMES
+    from simrig.rigs.effects import RIG_EFFECT_NAMES
+
+    return (*EFFECT_NAMES, *RIG_EFFECT_NAMES)
+
+
+def plan_table(plan: Plan, title: str = "") -> Any:
+    """Return a plan as a table for the terminal."""
+    rows = [
+        (
+            decision.effect,
+            "?" if decision.bound is None else f"{decision.bound.value:.3g}",
+            "on" if decision.on else "off",
+            decision.why,
+            f"{decision.cost_s:.2g}",
+        )
+        for decision in plan.effects
+    ]
+    columns = ("effect", f"bound, {plan.tolerance.unit}", "", "why", "cost s")
+    return frame.table(columns, rows, title)
+
+
+def plan_line(plan: Plan) -> str:
+    """Return the settings of a plan in one line."""
+    settings = ", ".join(f"{key} {value}" for key, value in plan.settings.items())
+    return f"{plan.tolerance}: {settings}; planned in {plan.about['planning_s']:.2f} s"

@@ -1,0 +1,89 @@
+"""``simrig plan``: which effects a scene calls for, and the settings that follow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simrig.cli import effect_options, frame
+from simrig.cli.scene_argument import Material, Resolution, named_scene
+from simrig.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.effects import Plan
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    frame.command(app, cls=effect_options.ForcesEffects)(plan)
+
+
+def plan(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in scene, a Mitsuba scene (.xml) or an experiment (.toml).",
+            metavar="SCENE|FILE.xml|EXPERIMENT.toml",
+        ),
+    ],
+    material: Material = None,
+    resolution: Resolution = None,
+    tolerance: effect_options.Tolerance = None,
+    simulate: effect_options.Simulate = None,
+    without: effect_options.Without = None,
+    everything: effect_options.Everything = False,
+    exposure: Annotated[
+        float | None, typer.Option(help="Of the display; what shows the picture well else.")
+    ] = None,
+    variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
+) -> frame.Report:
+    """Bound what each effect can change, and leave out what the tolerance allows.
+
+    Nothing is rendered. Prints effect, bound, on or off, why, and expected cost, and the
+    integrator, depth, samples per pixel and variant that follow.
+    """
+    if exposure is not None and not 0.0 < exposure < float("inf"):
+        raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
+
+    from simrig import backend
+    from simrig.evaluation.planning import plan_scene
+
+    backend.select(variant)
+    options: dict[str, Any] = {
+        "tolerance": tolerance or effect_options.DEFAULT_TOLERANCE,
+        "force": simulate or (),
+        "without": without or (),
+        "everything": everything,
+        "exposure": exposure,
+        "variant": variant,
+    }
+    if scene.lower().endswith(".toml"):
+        if material is not None or resolution is not None:
+            raise SimrigError(f"'{scene}' has its own material and sizes: give neither")
+        return _experiment(scene, options)
+    subject, about = named_scene(scene, material, resolution)
+    planned = plan_scene(subject, **options)
+    return frame.Report(data={**about, **planned.as_dict()}, shown=_shown(planned, scene))
+
+
+def _shown(planned: Plan, title: str) -> list[Any]:
+    heading = f"{title}: {planned.about['scene']}"
+    return [effect_options.plan_table(planned, heading), effect_options.plan_line(planned)]
+
+
+def _experiment(path: str, options: dict[str, Any]) -> frame.Report:
+    """Plan every scene of an experiment with its material."""
+    from simrig.evaluation.experiment_config import Experiment
+    from simrig.evaluation.planning import plan_experiment
+
+    config = Experiment.from_toml(Path(path))
+    plans = plan_experiment(config, **options)
+    shown = [line for key, planned in plans.items() for line in _shown(planned, key)]
+    data = {
+        "experiment": path,
+        "material": config.material,
+        "plans": [{"name": key, **planned.as_dict()} for key, planned in plans.items()],
+    }
+    return frame.Report(data=data, shown=shown)

@@ -1,0 +1,58 @@
+"""The SCENE that commands take: the name of a built-in scene, or a Mitsuba scene file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from simrig.errors import SimrigError
+
+Scene = Annotated[str, typer.Argument(help="See 'simrig materials', or a Mitsuba XML file.")]
+Material = Annotated[
+    str | None, typer.Option(help="For a built-in scene: a material or a file (yellow_satin).")
+]
+Resolution = Annotated[
+    int | None, typer.Option(min=1, max=16384, help="Width in pixels, of a built-in scene (64).")
+]
+_MATERIAL = "yellow_satin"
+_RESOLUTION = 64  # differences of means need no large picture
+
+
+def named_scene(
+    name: str, material: str | None, resolution: int | None
+) -> tuple[Any, dict[str, Any]]:
+    """Return a scene for the current variant, and what it is for the report.
+
+    Args:
+        name: of a built-in scene, or the path of a Mitsuba scene file.
+        material: of a built-in scene.
+        resolution: width of the picture of a built-in scene.
+
+    Returns:
+        A function that builds the dictionary of a built-in scene, or the path of a file; and a
+        dictionary with ``scene``, and ``material`` and ``resolution`` of a built-in one.
+
+    Raises:
+        SimrigError: an unknown scene or material, or options that a file does not take.
+    """
+    from simrig.data.load import load_material
+    from simrig.plugins import make_bsdf
+    from simrig.scenes import build_scene
+
+    if name.lower().endswith(".xml"):
+        if material is not None or resolution is not None:
+            raise SimrigError(f"'{name}' has its own materials and size: give neither for a file")
+        if not Path(name).is_file():
+            raise SimrigError(f"there is no scene file '{name}'")
+        return Path(name), {"scene": name}
+    reflectance = load_material(material or _MATERIAL)
+    width = resolution or _RESOLUTION
+
+    def build() -> dict[str, Any]:
+        return build_scene(name, make_bsdf(reflectance), resolution=width)
+
+    build()  # an unknown name is refused before any work
+    about = {"scene": name, "material": material or _MATERIAL, "resolution": width}
+    return build, about

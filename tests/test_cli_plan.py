@@ -1,0 +1,166 @@
+"""``simrig plan`` and the plan behind ``simrig render``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import OpenEXR
+import pytest
+from typer.testing import CliRunner, Result
+
+from simrig.cli.app import app
+from simrig.cli.effect_options import tell_forces_apart
+
+SMALL = ("--resolution", "24")
+SCENE = """<scene version="3.0.0">
+    <integrator type="path"/>
+    <sensor type="perspective">
+        <transform name="to_world">
+            <lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/>
+        </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="16"/>
+            <integer name="height" value="16"/>
+        </film>
+    </sensor>
+    <shape type="sphere"><bsdf type="simrig_kurt"/></shape>
+    <emitter type="point"><point name="position" x="2" y="3" z="4"/></emitter>
+</scene>"""
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def simrig(*arguments: str) -> Result:
+    return CliRunner().invoke(app, [*arguments])
+
+
+def done(*arguments: str) -> dict:
+    result = simrig(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def refused(*arguments: str) -> str:
+    result = simrig(*arguments)
+    assert result.exit_code == 2, result.output
+    assert len(result.stderr.strip().splitlines()) == 1
+    return result.stderr
+
+
+def switched_on(plan: dict) -> set[str]:
+    return {entry["effect"] for entry in plan["effects"] if entry["on"]}
+
+
+def test_json_has_the_promised_keys() -> None:
+    plan = done("plan", "sphere", *SMALL)
+    for entry in plan["effects"]:
+        assert set(entry) == {"effect", "bound", "on", "why", "cost_s"}
+    assert set(plan["settings"]) == {"integrator", "depth", "spp", "variant"}
+    assert plan["settings"]["depth"] == 2
+    assert "inter-reflection" not in switched_on(plan)
+
+
+def test_a_person_sees_the_table() -> None:
+    shown = simrig("plan", "sphere", *SMALL, "--tolerance", "psnr=40").stdout
+    for word in ("inter-reflection", "one convex body", "display rms", "psnr=40", "spp"):
+        assert word in shown
+
+
+def test_a_scene_file_is_planned_like_a_named_scene() -> None:
+    Path("scene.xml").write_text(SCENE)
+    plan = done("plan", "scene.xml")
+    assert not switched_on(plan) - {"anti-aliasing"}
+
+
+def test_every_scene_of_an_experiment_is_planned() -> None:
+    Path("small.toml").write_text(
+        'material = "wood01"\n[[scenes]]\nname = "sphere"\nresolution = 16\n'
+        '[[scenes]]\nname = "four_spheres"\nresolution = 32\n'
+    )
+    plans = done("plan", "small.toml")["plans"]
+    assert [plan["name"] for plan in plans] == ["sphere", "four_spheres"]
+    assert [plan["settings"]["depth"] == 2 for plan in plans] == [True, False]
+
+
+def test_the_user_overrides_the_planner() -> None:
+    forced = done("plan", "sphere", *SMALL, "--force", "inter-reflection")
+    assert {"inter-reflection", "shadowing", "bsdf-sampling"} <= switched_on(forced)
+    assert forced["settings"]["integrator"] == "path"
+    without = done("plan", "four_spheres", *SMALL, "--without", "inter-reflection")
+    assert without["settings"]["depth"] == 2
+    everything = done("plan", "sphere", *SMALL, "--everything")
+    assert switched_on(everything) >= {"inter-reflection", "shadowing", "anti-aliasing"}
+    assert "spectral" not in switched_on(everything), "there are no spectra to transport"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["plan", "spher"], "did you mean 'sphere'"),
+        (["plan", "nothing.xml"], "there is no"),
+        (["plan", "sphere", "--force", "shadow"], "did you mean 'shadowing'"),
+        (["plan", "sphere", "--force", "shadowing", "--without", "shadowing"], "both"),
+        (
+            ["plan", "sphere", "--force", "inter-reflection", "--without", "shadowing"],
+            "without shadowing",
+        ),
+        (["plan", "sphere", "--tolerance", "dE"], "is no tolerance"),
+        (["plan", "sphere", "--exposure", "0"], "above 0"),
+        (["plan", "a.toml", "--material", "wood01"], "its own"),
+        (
+            ["render", "--material", "wood01", "--output", "x.exr", "--spp", "4", "--everything"],
+            "replace the plan",
+        ),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(arguments: list[str], message: str) -> None:
+    assert message in refused(*arguments)
+
+
+def test_a_file_that_is_no_scene_is_refused() -> None:
+    Path("a.xml").write_text("<scene")
+    assert "no XML" in refused("plan", "a.xml")
+    Path("b.xml").write_text("<html/>")
+    assert "no Mitsuba scene" in refused("plan", "b.xml")
+    Path("c.xml").write_text(SCENE.replace("simrig_kurt", "simrig_curt"))
+    assert "cannot build" in refused("plan", "c.xml")
+
+
+def test_force_means_a_file_alone_and_an_effect_with_one() -> None:
+    assert tell_forces_apart(["--force", "--spp", "4"], False) == ["--force", "--spp", "4"]
+    assert tell_forces_apart(["--force"], False) == ["--force"]
+    assert tell_forces_apart(["--force", "shadowing"], True) == ["--simulate", "shadowing"]
+    assert tell_forces_apart(["--force=shadowing"], True) == ["--simulate=shadowing"]
+    assert tell_forces_apart(["--force", "a.toml"], True) == ["--force", "a.toml"]
+
+
+def test_render_keeps_its_plan_and_can_do_without() -> None:
+    render = ("render", "--material", "wood01", *SMALL, "--no-png", "--output", "x.exr")
+    planned = done(*render, "--tolerance", "dE=2")
+    assert planned["spp"] == planned["plan"]["settings"]["spp"]
+    kept = json.loads(OpenEXR.File("x.exr").header()["plan"])
+    assert kept["effects"] == planned["plan"]["effects"]
+    by_hand = done(*render, "--force", "--spp", "4")
+    assert (by_hand["plan"], by_hand["spp"]) == (None, 4)
+    everything = done(*render, "--force", "--everything", "--tolerance", "dE=2")
+    assert everything["integrator"] == "path"
+
+
+@pytest.mark.slow
+def test_run_plans_its_scenes_for_a_tolerance() -> None:
+    Path("small.toml").write_text(
+        'material = "wood01"\n'
+        "measurement = { samples = [300], elevation_step_deg = 32.0, azimuth_step_deg = 120.0, "
+        "baseline = false }\n"
+        "comparison = { exact = false, estimate_samples = 7000 }\n"
+        '[[scenes]]\nname = "four_spheres"\nresolution = 48\n'
+    )
+    result = done("run", "small.toml", "--tolerance", "dE=2")
+    (scene,) = result["results"]["scenes"].values()
+    assert "inter-reflection" in switched_on(scene["plan"])
+    assert scene["settings"]["spp"] == scene["plan"]["settings"]["spp"] == scene["spp"]
+    assert "planned for dE=2" in Path(result["report"]).read_text()
