@@ -133,8 +133,10 @@ def _panel(panel: Axes, result: Convergence, points: Sequence[Point], key: str) 
     for number, name in enumerate(dict.fromkeys(getattr(p, key) for p in points)):
         own = [p for p in points if getattr(p, key) == name and p.error > 0.0]
         seconds, errors = np.array([[p.run_seconds, p.error] for p in own]).reshape(-1, 2).T
-        style = {"color": COLOURS[number % 7], "marker": MARKERS[number % 7]}
-        panel.plot(seconds, errors, markerfacecolor="white", label=name, **style)
+        colour, marker = COLOURS[number % 7], MARKERS[number % 7]
+        panel.plot(
+            seconds, errors, color=colour, marker=marker, markerfacecolor="white", label=name
+        )
     amount, known = result.tolerance.amount, result.reference.error
     panel.axhline(amount, color="0.3", linewidth=1, label=f"tolerance ({result.tolerance})")
     if known > 0.0:

@@ -64,7 +64,11 @@ def render(
         raise SimrigError(f"'{output}': pictures are written as .exr or .png")
     if not 0.0 < exposure < float("inf"):
         raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
-    overrides = {"force": simulate or (), "without": without or (), "everything": everything}
+    overrides: dict[str, Any] = {
+        "force": simulate or (),
+        "without": without or (),
+        "everything": everything,
+    }
     by_hand = spp is not None or integrator is not None
     if by_hand and (tolerance or any(overrides.values())):
         raise SimrigError("--spp and --integrator replace the plan: leave them or its options out")
