@@ -104,6 +104,11 @@ def scale(colour: Array, factor: Array) -> Array:
     return colour * factor
 
 
+def lerp(a: Array, b: Array, t: Array) -> Array:
+    """Return the colour a + t·(b − a), with one t per direction."""
+    return a + scale(b - a, t)
+
+
 def to_index(x: Array) -> Array:
     """Turn a non-negative float into an integer index (rounds towards zero)."""
     if is_numpy(x):

@@ -15,8 +15,8 @@ from simrig.arrays import (
     float_type,
     gather_colour,
     is_numpy,
+    lerp,
     namespace,
-    scale,
     to_device,
     vector_type,
 )
@@ -57,9 +57,9 @@ class Subspace:
         q_0, q_1 = (along_slice(diagonal, (b + step) * count, d, count) for step in (0, 1))
         start = j * (2 * a_n + 1) + k
         below = start + (2 * a_n + 1)
-        c_0 = _lerp(corner(start), corner(start + 1), x)
-        c_1 = _lerp(corner(below), corner(below + 1), x)
-        value = _lerp(p_0, p_1, y) + _lerp(q_0, q_1, x) - _lerp(c_0, c_1, y)
+        c_0 = lerp(corner(start), corner(start + 1), x)
+        c_1 = lerp(corner(below), corner(below + 1), x)
+        value = lerp(p_0, p_1, y) + lerp(q_0, q_1, x) - lerp(c_0, c_1, y)
         xp = namespace(value)
         return xp.maximum(value, xp.minimum(xp.minimum(p_0, p_1), xp.minimum(q_0, q_1)))
 
@@ -97,7 +97,3 @@ def reconstruct_subspace(
     )
     corners = samples.values[padded_corners(placement.corner_samples())]
     return Subspace(corners, axial, diagonal)
-
-
-def _lerp(a: Array, b: Array, t: Array) -> Array:
-    return a + scale(b - a, t)

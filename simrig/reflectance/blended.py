@@ -1,7 +1,7 @@
 """Slices blended once per pair of elevations, for whole arrays on a regular grid.
 
 D.1 is linear in the two elevations, so for a fixed pair of them the tables of the four
-surrounding subspaces reduce to one: a grid point then reads 15 colours instead of 100. The
+surrounding subspaces reduce to one: a grid point then reads 17 colours instead of 49. The
 formula and its treatment of the pole are those of ``SliceReflectance``.
 """
 

@@ -31,6 +31,7 @@ from simrig.arrays import (
     float_type,
     gather_colour,
     is_numpy,
+    lerp,
     namespace,
     scale,
     to_index,
@@ -185,12 +186,12 @@ class SliceReflectance(Reflectance):
                 p_0, p_1 = (self._along("axial", texels, pair, row, place) for row in rows)
                 q_place = _choose(flip, -1.0 * d, d)
                 q_0, q_1 = (self._along("diagonal", texels, pair, b + o, q_place) for o in (0, 1))
-                value = _add(value, _lerp(p_0, p_1, y), weight)
+                value = _add(value, lerp(p_0, p_1, y), weight)
                 q_low = namespace(q_0).minimum(q_0, q_1)
                 if pole is not False:
                     weight = xp.select(pole, 0.0, weight)
                     q_low = _where(pole, p_0, q_low)
-                value = _add(value, _lerp(q_0, q_1, x), weight)
+                value = _add(value, lerp(q_0, q_1, x), weight)
                 for low in (p_0, p_1, q_low):
                     lowest = namespace(lowest).minimum(lowest, low)
         value = value + self._between(texels, theta_i, theta_v, phi_i, phi_v, (j, y, k, x))
@@ -242,7 +243,7 @@ class SliceReflectance(Reflectance):
                 c_00, c_01 = texels("between", start), texels("between", start + 1)
                 start = start + (2 * a_n + 1)
                 c_10, c_11 = texels("between", start), texels("between", start + 1)
-                surface = _lerp(_lerp(c_00, c_01, x_here), _lerp(c_10, c_11, x_here), y_here)
+                surface = lerp(lerp(c_00, c_01, x_here), lerp(c_10, c_11, x_here), y_here)
                 value = _add(value, surface, weight_i * weight_v)
         return value
 
@@ -277,7 +278,7 @@ def along_slice(read: Callable[[Array], Array], start: Array, place: Array, coun
     """
     index, weight = _cell(wrap_angle(place) * (count / (2.0 * np.pi)), count)
     after = namespace(place).select(index == count - 1, 0 * index, index + 1)
-    return _lerp(read(start + index), read(start + after), weight)
+    return lerp(read(start + index), read(start + after), weight)
 
 
 class _Texels:
@@ -324,10 +325,6 @@ def _where(mask: Array, yes: Array, no: Array) -> Array:
     return (
         np.where(np.asarray(mask)[..., None], yes, no) if is_numpy(no) else dr.select(mask, yes, no)
     )
-
-
-def _lerp(a: Array, b: Array, t: Array) -> Array:
-    return a + scale(b - a, t)
 
 
 def _add(total: Array, colour: Array, weight: Array) -> Array:
