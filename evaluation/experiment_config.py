@@ -31,7 +31,7 @@ from simrig.evaluation.experiment_schema import (
 )
 from simrig.reconstruction.along_slices import INTERPOLATIONS
 from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
-from simrig.sampling.placement import SLICE_TYPES
+from simrig.sampling.slices import SLICE_TYPES
 from simrig.scenes import SCENES
 
 _LARGEST_FILE = 1 << 20  # bytes; an experiment is a page of text

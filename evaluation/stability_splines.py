@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from simrig.reconstruction.along_slices import SliceInterpolator
 from simrig.sampling.adaptive import Knots
-from simrig.sampling.placement import MIRRORED, OPEN, PERIODIC
+from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC
 
 _ENDS = (OPEN, PERIODIC, MIRRORED)
 _JITTERS = 4

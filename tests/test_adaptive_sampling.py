@@ -10,12 +10,8 @@ from simrig.errors import SimrigError
 from simrig.reflectance import kurt_material
 from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.sampling.adaptive import capacity, leave_one_out_errors, sample_adaptively
-from simrig.sampling.placement import (
-    TABLE_5_1,
-    SlicePlacement,
-    build_slices,
-    optimal_placement,
-)
+from simrig.sampling.placement import TABLE_5_1, SlicePlacement, optimal_placement
+from simrig.sampling.slices import build_slices
 
 RIG = Gonioreflectometer()
 

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from simrig.errors import SimrigError
 from simrig.reconstruction.along_slices import SliceInterpolator
 from simrig.sampling.adaptive import Knots
-from simrig.sampling.placement import MIRRORED, OPEN, PERIODIC
+from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC
 
 
 def make_knots(rng, ends, counts, lengths):

@@ -31,7 +31,7 @@ from simrig.plugins import make_bsdf
 from simrig.reconstruction.along_slices import INTERPOLATIONS, SliceInterpolator
 from simrig.reflectance import Kurt, KurtLobe, Ward
 from simrig.sampling.adaptive import Knots
-from simrig.sampling.placement import OPEN
+from simrig.sampling.slices import OPEN
 
 
 @pytest.mark.slow

@@ -15,7 +15,8 @@ from simrig.evaluation.benchmarks.timing import side_by_side, text_table
 from simrig.reflectance import kurt_material
 from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.sampling.adaptive import AdaptiveSamples
-from simrig.sampling.placement import MIRRORED, OPEN, PERIODIC, SlicePlacement, build_slices
+from simrig.sampling.placement import SlicePlacement
+from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC, build_slices
 
 MATERIAL = "yellow_satin"
 SAMPLES = 18721

@@ -13,7 +13,7 @@ from scipy.linalg import solve_banded
 
 from simrig.errors import unknown_name
 from simrig.sampling.adaptive import Knots
-from simrig.sampling.placement import MIRRORED, OPEN, PERIODIC
+from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC
 
 INTERPOLATIONS = ("cubic", "pchip", "linear")
 

@@ -10,15 +10,8 @@ from simrig.reconstruction.along_slices import SliceInterpolator
 from simrig.reflectance.slice_layout import SliceLayout
 from simrig.reflectance.slices import SliceReflectance
 from simrig.sampling.adaptive import AdaptiveSamples
-from simrig.sampling.placement import (
-    AXIAL,
-    CIRCLE,
-    DIAGONAL,
-    HORIZONTAL,
-    SlicePlacement,
-    Slices,
-    build_slices,
-)
+from simrig.sampling.placement import SlicePlacement
+from simrig.sampling.slices import AXIAL, CIRCLE, DIAGONAL, HORIZONTAL, Slices, build_slices
 
 
 class SliceMeasurement(Protocol):

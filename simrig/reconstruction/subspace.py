@@ -24,7 +24,8 @@ from simrig.reconstruction.along_slices import SliceInterpolator
 from simrig.reconstruction.slices import fill_rows, padded_corners, pair_rows, slice_numbers
 from simrig.reflectance.slices import along_slice, azimuth_cell
 from simrig.sampling.adaptive import AdaptiveSamples
-from simrig.sampling.placement import AXIAL, DIAGONAL, SubspacePlacement
+from simrig.sampling.placement import SubspacePlacement
+from simrig.sampling.slices import AXIAL, DIAGONAL
 
 
 @dataclass(frozen=True)

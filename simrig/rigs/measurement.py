@@ -16,7 +16,8 @@ from simrig.data import hdf5
 from simrig.errors import SimrigError
 from simrig.reflectance.protocol import Reflectance
 from simrig.sampling.adaptive import AdaptiveSamples, Knots
-from simrig.sampling.placement import SLICE_TYPES, SlicePlacement, build_slices
+from simrig.sampling.placement import SlicePlacement
+from simrig.sampling.slices import SLICE_TYPES, build_slices
 
 _MEASUREMENT, _CHECKPOINT = "measurement", "unfinished measurement"
 

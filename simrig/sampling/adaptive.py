@@ -12,13 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simrig.errors import SimrigError
-from simrig.sampling.placement import (
-    MIRRORED,
-    OPEN,
-    PERIODIC,
-    SlicePlacement,
-    SubspacePlacement,
-)
+from simrig.sampling.placement import SlicePlacement, SubspacePlacement
+from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC
 
 # angles (m, 4) in radians as (theta_i, theta_v, phi_i, phi_v), material (m,) -> values (m, 3)
 Measure = Callable[[np.ndarray, np.ndarray], np.ndarray]
