@@ -1,0 +1,255 @@
+"""The measured directions of a hemisphere as a triangulation, and where a direction lies in it.
+
+The nodes are joined by the convex hull of their unit vectors. Every outermost node has a twin on
+the horizon at its azimuth, so the triangles cover the hemisphere without a gap: beyond the
+largest elevation a value is held, it changes only with the azimuth, and no seam appears where
+the nearest edge changes. A direction takes the barycentric coordinates of the point where its
+ray meets its triangle: >= 0 with sum 1, exact at nodes, continuous everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from simrig.arrays import (
+    Array,
+    components,
+    float_type,
+    gather,
+    gather_colour,
+    is_numpy,
+    namespace,
+    to_device,
+    to_index,
+)
+from simrig.errors import SimrigError
+
+_GRID = 64  # cells of the table of first guesses, per axis
+_OUTSIDE = -1e-6  # barycentric coordinates above it count as inside
+_MOST_STEPS = 64  # of the walk; rounding on an edge could make it turn back and forth
+_SAME = 1e-9  # squared distance of directions that are one
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where directions lie.
+
+    Attributes:
+        nodes: numbers of the three nodes, each an array of indices.
+        weights: their barycentric coordinates.
+    """
+
+    nodes: tuple[Array, Array, Array]
+    weights: tuple[Array, Array, Array]
+
+
+class HemisphereTriangulation:
+    """Triangles between directions of the upper hemisphere.
+
+    Args:
+        nodes: unit vectors, shape (n, 3), all different, at or above the horizon and around the
+            normal.
+
+    Attributes:
+        nodes: as given, float64.
+        triangles: numbers of the nodes, shape (t, 3); a twin on the horizon has the number of
+            its node.
+
+    Raises:
+        SimrigError: directions that coincide, point down, or do not surround the normal.
+    """
+
+    def __init__(self, nodes: np.ndarray):
+        self.nodes = np.array(nodes, dtype=np.float64)
+        _check(self.nodes)
+        corners, number = _with_horizon(self.nodes)
+        simplices, neighbours = _hull(corners)
+        self.triangles = number[simplices]
+        # transposed inverse: row k of a triangle gives its coordinate k of a direction
+        inverse = np.linalg.inv(corners[simplices]).transpose(0, 2, 1)
+        self._tables = {"inverse": inverse, "triangles": self.triangles, "neighbours": neighbours}
+        self._tables["guess"] = np.zeros(_GRID**2, dtype=np.int64)
+        self._tables["guess"] = self._walk(_cell_centres(), self.tables(np.ndarray))
+        self.__dict__.pop("_device")
+
+    def tables(self, kind: type) -> Mapping[str, Array]:
+        """Return the flat tables that ``locate`` reads, for a float type; made once and kept.
+
+        Args:
+            kind: ``np.ndarray``, ``float`` or a Dr.Jit float type.
+        """
+        cache: dict[type, dict[str, Array]] = self.__dict__.setdefault("_device", {})
+        if kind not in cache:
+            cache[kind] = {name: _table(value, kind) for name, value in self._tables.items()}
+        return cache[kind]
+
+    def locate(self, direction: Array, tables: Mapping[str, Array] | None = None) -> Place:
+        """Return the triangle's nodes and the barycentric coordinates of directions.
+
+        Args:
+            direction: unit vectors of the upper hemisphere: NumPy (..., 3) or a Dr.Jit 3-vector.
+                One below the horizon gives something valid but meaningless.
+            tables: what ``tables`` returned for the type of the direction.
+        """
+        tables = self.tables(float_type(direction)) if tables is None else tables
+        still = direction if is_numpy(direction) else dr.detach(direction)
+        triangle = self._walk(still, tables)
+        weights = _coordinates(direction, triangle, tables)
+        xp = namespace(weights[0])
+        weights = [xp.maximum(w, 0.0) for w in weights]
+        total = weights[0] + weights[1] + weights[2]
+        share = 1.0 / xp.select(total > 0.0, total, 1.0)
+        a, b, c = (to_index(gather(tables["triangles"], triangle * 3 + k)) for k in range(3))
+        return Place((a, b, c), (weights[0] * share, weights[1] * share, weights[2] * share))
+
+    def _walk(self, direction: Array, tables: Mapping[str, Array]) -> Array:
+        """Return the triangle of directions: from a guess across the edges that they are beyond."""
+        x, y, z = components(direction)
+        xp = namespace(x)
+        reach = 1.0 / (1.0 + xp.maximum(z, 0.0))  # the hemisphere is the unit disc
+        row, column = (_cell(c * reach) for c in (y, x))
+        triangle = to_index(gather(tables["guess"], row * _GRID + column))
+
+        def step(triangle: Array) -> tuple[Array, Array]:
+            a, b, c = _coordinates(direction, triangle, tables)
+            worst = xp.select(a <= b, xp.select(a <= c, 0, 2), xp.select(b <= c, 1, 2))
+            low = xp.minimum(a, xp.minimum(b, c))
+            beyond = low < _OUTSIDE
+            if is_numpy(worst):
+                following = tables["neighbours"][triangle * 3 + worst]
+            else:
+                edge = triangle * 3 + type(triangle)(worst)
+                following = to_index(gather(tables["neighbours"], edge))
+            return beyond, xp.select(beyond, following, triangle)
+
+        if dr.is_jit_v(x):
+            return _walk_jit(step, triangle)
+        for _ in range(_MOST_STEPS):
+            beyond, triangle = step(triangle)
+            if not np.any(beyond):
+                break
+        return triangle
+
+
+def _walk_jit(step: Any, triangle: Any) -> Any:
+    mask = dr.mask_t(triangle)
+
+    def body(triangle: Any, walking: Any, steps: Any) -> tuple[Any, Any, Any]:
+        walking, triangle = step(triangle)
+        return triangle, walking & (steps > 1), steps - 1
+
+    return dr.while_loop(
+        state=(triangle, mask(True), type(triangle)(_MOST_STEPS)),
+        cond=lambda triangle, walking, steps: walking,
+        body=body,
+        labels=("triangle", "walking", "steps"),
+        label="walk over the triangulation",
+    )[0]
+
+
+def _coordinates(
+    direction: Array, triangle: Array, tables: Mapping[str, Array]
+) -> tuple[Array, Array, Array]:
+    """Return the three coordinates of directions in triangles, not normalised."""
+    x, y, z = components(direction)
+    weights = []
+    for corner in range(3):
+        row = gather_colour(tables["inverse"], triangle * 3 + corner, direction)
+        rx, ry, rz = components(row)
+        weights.append(rx * x + ry * y + rz * z)
+    return weights[0], weights[1], weights[2]
+
+
+def _cell(coordinate: Array) -> Array:
+    """Return the row or column of the guess table for a coordinate in [-1, 1]."""
+    xp = namespace(coordinate)
+    position = (coordinate + 1.0) * (0.5 * _GRID)
+    # compared this way round, NaN gives 0 and never leaves the table
+    position = xp.select(position > 0.0, position, 0.0)
+    return to_index(xp.select(position < _GRID - 1.0, position, _GRID - 1.0))
+
+
+def _cell_centres() -> np.ndarray:
+    """Return the directions of the guess table's cells; those off the disc lie on the horizon."""
+    axis = (np.arange(_GRID) + 0.5) * (2.0 / _GRID) - 1.0
+    y, x = np.meshgrid(axis, axis, indexing="ij")
+    squared = np.maximum(x**2 + y**2, 1e-30).ravel()
+    inside = np.minimum(squared, 1.0)
+    shrink = 2.0 / (1.0 + inside) * np.sqrt(inside / squared)
+    flat = np.stack([x.ravel(), y.ravel()], axis=-1) * shrink[:, None]
+    return np.column_stack([flat, (1.0 - inside) / (1.0 + inside)])
+
+
+def _table(value: np.ndarray, kind: type) -> Array:
+    """Return a flat table for a float type; whole numbers as 32-bit indices on a device."""
+    if value.dtype.kind == "f":
+        flat = to_device(value, kind)
+        return flat.reshape(-1) if is_numpy(flat) else flat
+    if kind in (np.ndarray, float):
+        return value.reshape(-1)
+    index: Any = dr.uint32_array_t(kind)
+    return index(np.ascontiguousarray(value, dtype=np.uint32).reshape(-1))
+
+
+def _check(nodes: np.ndarray) -> None:
+    if nodes.ndim != 2 or nodes.shape[1] != 3 or len(nodes) < 3:
+        raise SimrigError(
+            f"a triangulation needs at least three directions (n, 3), got {nodes.shape}"
+        )
+    length = np.linalg.norm(nodes, axis=1)
+    if not np.all(np.abs(length - 1.0) < 1e-6) or nodes[:, 2].min() < -1e-6:
+        raise SimrigError("a triangulation needs unit vectors of the upper hemisphere")
+    distance = np.sum((nodes[:, None, :] - nodes[None, :, :]) ** 2, axis=-1)
+    np.fill_diagonal(distance, 1.0)
+    first, second = np.unravel_index(np.argmin(distance), distance.shape)
+    if distance[first, second] < _SAME:
+        raise SimrigError(f"directions {first} and {second} of the triangulation are the same")
+
+
+def _with_horizon(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes with the twins of the outermost and the nadir, and whose each corner is."""
+    nadir = len(nodes)
+    try:
+        hull = ConvexHull(np.vstack([nodes, [0.0, 0.0, -1.0]])).simplices
+    except (ValueError, RuntimeError) as error:  # QhullError is a RuntimeError
+        raise SimrigError("the directions are too few or all in one plane") from error
+    outermost = np.unique(hull[(hull == nadir).any(axis=1)])
+    outermost = outermost[(outermost != nadir)]
+    outermost = outermost[nodes[outermost, 2] > 1e-6]
+    length = np.hypot(nodes[outermost, 0], nodes[outermost, 1])
+    if np.any(length < 1e-6):
+        raise SimrigError("the directions do not surround the normal")
+    twins = nodes[outermost] / length[:, None]
+    twins[:, 2] = 0.0
+    number = np.concatenate([np.arange(len(nodes)), outermost])
+    return np.vstack([nodes, twins]), number
+
+
+def _hull(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return triangles of the corners above the horizon, and their neighbours by corner.
+
+    Neighbour k of a triangle is across the edge opposite to corner k; the triangle itself where
+    that edge is the horizon.
+    """
+    nadir = len(corners)
+    hull = ConvexHull(np.vstack([corners, [0.0, 0.0, -1.0]]))
+    keep = ~(hull.simplices == nadir).any(axis=1)
+    simplices = hull.simplices[keep]
+    if np.abs(np.linalg.det(corners[simplices])).min() < 1e-9 or np.any(
+        hull.equations[keep, 3] > -1e-9
+    ):
+        raise SimrigError(
+            "the directions do not surround the normal: they must span more than half of the "
+            "azimuths"
+        )
+    renumber = np.full(len(keep), -1)
+    renumber[keep] = np.arange(keep.sum())
+    neighbours = renumber[hull.neighbors[keep]]
+    own = np.broadcast_to(np.arange(len(simplices))[:, None], neighbours.shape)
+    return simplices, np.where(neighbours < 0, own, neighbours)
