@@ -241,9 +241,8 @@ def _hull(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     hull = ConvexHull(np.vstack([corners, [0.0, 0.0, -1.0]]))
     keep = ~(hull.simplices == nadir).any(axis=1)
     simplices = hull.simplices[keep]
-    if np.abs(np.linalg.det(corners[simplices])).min() < 1e-9 or np.any(
-        hull.equations[keep, 3] > -1e-9
-    ):
+    inside = hull.equations[:, 3].max() < -1e-9  # the origin, behind every face
+    if not inside or np.abs(np.linalg.det(corners[simplices])).min() < 1e-9:
         raise SimrigError(
             "the directions do not surround the normal: they must span more than half of the "
             "azimuths"
