@@ -17,9 +17,10 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("simrig", "plugins", "scenes", "evaluation")
 
 FOUNDATION = {"errors", "arrays", "cost", "backend", "effects"}
+STRUCTURES = FOUNDATION | {"mesostructure"}
 KINDS = FOUNDATION | {"directions", "reflectance"}
 METHODS = KINDS | {"data", "sampling", "reconstruction"}
-RIGS = METHODS | {"imaging", "plugins", "scenes"}
+RIGS = METHODS | STRUCTURES | {"imaging", "plugins", "scenes"}
 EVERYTHING = RIGS | {"perception", "rigs", "evaluation", "doctor"}
 
 # room: the rooms that it may import (docs/architecture.md says the same in words)
@@ -37,7 +38,8 @@ MAY_IMPORT = {
     "imaging": FOUNDATION,
     "perception": FOUNDATION | {"imaging"},
     "plugins": KINDS,
-    "scenes": FOUNDATION,
+    "mesostructure": FOUNDATION,
+    "scenes": STRUCTURES,
     "rigs": RIGS,
     "evaluation": EVERYTHING,
     "doctor": EVERYTHING,
