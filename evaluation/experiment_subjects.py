@@ -14,7 +14,7 @@ from simrig.data.hdf5 import write_reflectance
 from simrig.errors import SimrigError
 from simrig.evaluation.experiment_config import BOTH_SLICE_TYPES, MeasurementSettings
 from simrig.evaluation.experiment_parts import CHECKPOINT, Parts, Steps
-from simrig.evaluation.uniform_table import UniformPlan, measure_uniform, uniform_plan
+from simrig.reconstruction.regular_grid import reconstruct_regular_grid
 from simrig.reconstruction.slices import reconstruct
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.protocol import Reflectance
@@ -22,6 +22,7 @@ from simrig.reflectance.slices import SliceReflectance
 from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.measurement import Measurement
 from simrig.sampling.placement import SlicePlacement, optimal_placement
+from simrig.sampling.uniform import UniformPlan, uniform_plan
 
 METHODS = {
     "slices": "adaptive slices",
@@ -180,9 +181,15 @@ class Laboratory:
         return measurement
 
     def _uniform(self, plan: Plan, grid: UniformPlan) -> Subject:
-        table, cost = measure_uniform(Gonioreflectometer(), self.truth, grid)
-        # the grid is its own reconstruction: multilinear look-ups read the samples themselves
-        costs = {"sampling": cost, "reconstruction": Cost(bytes=table.values.nbytes)}
+        rig = Gonioreflectometer()
+        measurement = rig.measure_scheme(self.truth, grid.scheme(), reciprocal=True)
+        start = time.perf_counter()
+        table = reconstruct_regular_grid(measurement)
+        seconds = time.perf_counter() - start
+        costs = {
+            "sampling": measurement.cost,
+            "reconstruction": Cost(compute_seconds=seconds, bytes=table.values.nbytes),
+        }
         return Subject(plan, table, self._recorded(plan, table, costs), None)
 
     def _recorded(

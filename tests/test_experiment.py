@@ -31,12 +31,13 @@ from simrig.evaluation.experiment_scenes import automatic_exposure
 from simrig.evaluation.experiment_subjects import SLICE_METHODS, largest_theta_deg, make_plans
 from simrig.evaluation.measured_half import MeasuredHalf
 from simrig.evaluation.mre import mre_exact
-from simrig.evaluation.uniform_table import measure_uniform, uniform_plan
+from simrig.reconstruction.regular_grid import reconstruct_regular_grid
 from simrig.reflectance import Lambert, kurt_material
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.protocol import evaluate
 from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.measurement import Measurement
+from simrig.sampling.uniform import uniform_plan
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
@@ -377,8 +378,9 @@ def test_a_regular_grid_needs_ten_samples() -> None:
 def test_the_regular_grid_is_exact_at_its_nodes() -> None:
     truth = kurt_material("yellow_satin")
     plan = uniform_plan(3230, math.radians(80.0))
-    table, cost = measure_uniform(Gonioreflectometer(), truth, plan)
-    assert cost.samples == plan.samples
+    measurement = Gonioreflectometer().measure_scheme(truth, plan.scheme())
+    assert measurement.cost.samples == plan.samples
+    table = reconstruct_regular_grid(measurement)
     rng = np.random.default_rng(5)
     theta = rng.integers(0, plan.elevations, (2, 200)) * plan.theta_step
     phi = rng.integers(0, plan.azimuths, (2, 200)) * (2.0 * np.pi / plan.azimuths)

@@ -17,12 +17,13 @@ from scipy.interpolate import RegularGridInterpolator
 from simrig.directions import to_vector
 from simrig.evaluation.benchmarks.timing import Timing, side_by_side, text_table
 from simrig.evaluation.mre import mre_exact
-from simrig.evaluation.uniform_table import measure_uniform, uniform_plan
+from simrig.reconstruction.regular_grid import reconstruct_regular_grid
 from simrig.reconstruction.slices import reconstruct
 from simrig.reflectance import evaluate, kurt_material
 from simrig.reflectance.grid import dense_grid, to_dense
 from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.sampling.placement import optimal_placement
+from simrig.sampling.uniform import uniform_plan
 
 MATERIAL = "fabric112"
 SAMPLES = 8911
@@ -45,7 +46,8 @@ def run(
     measurement = rig.measure(truth, optimal_placement(samples), samples)
     slices = reconstruct(measurement)
     plan = uniform_plan(samples, slices.theta_max)
-    uniform, _ = measure_uniform(rig, truth, plan)
+    measured = rig.measure_scheme(truth, plan.scheme(), reciprocal=True)
+    uniform = reconstruct_regular_grid(measured)
     nodes, padded = _padded(uniform.values, uniform.theta_step)
     regular = RegularGridInterpolator(nodes, padded)
     angles = _grid_part()

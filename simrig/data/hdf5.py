@@ -35,6 +35,7 @@ _HEADROOM = 1 << 16
 
 # Where the class of each kind of reflectance lives; imported when a file needs it
 KINDS: dict[str, tuple[str, str]] = {
+    "barycentric": ("simrig.reflectance.barycentric", "BarycentricReflectance"),
     "dense": ("simrig.reflectance.dense", "DenseTable"),
     "isotropic": ("simrig.reflectance.isotropic", "IsotropicTable"),
     "kurt": ("simrig.reflectance.analytic", "Kurt"),

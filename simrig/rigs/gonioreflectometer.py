@@ -12,8 +12,10 @@ import numpy as np
 
 import simrig
 from simrig.cost import Cost
+from simrig.directions.schemes import HemisphereScheme
 from simrig.errors import SimrigError
 from simrig.reflectance.protocol import Reflectance
+from simrig.rigs.directions_measurement import DirectionsMeasurement
 from simrig.rigs.effects import check_effects
 from simrig.rigs.instrument import UTIA, Instrument
 from simrig.rigs.measurement import Measurement, ReplayLog, fingerprint
@@ -112,7 +114,7 @@ class Gonioreflectometer:
             SimrigError: a plan that cannot hold the samples, a placement beyond the material's
                 data, a checkpoint of another measurement.
         """
-        self._check_reach([reflectance], placement)
+        self._check_reach([reflectance], placement.theta_max)
         setting = {
             **asdict(placement),
             "samples": samples,
@@ -157,7 +159,7 @@ class Gonioreflectometer:
 
         The result equals ``measure`` for each of them; the slices of all are refined together.
         """
-        self._check_reach(reflectances, placement)
+        self._check_reach(reflectances, placement.theta_max)
 
         def take(angles: np.ndarray, owner: np.ndarray) -> np.ndarray:
             values = np.empty((len(angles), 3))
@@ -202,17 +204,103 @@ class Gonioreflectometer:
             slice_types="axial_diagonal",
         )[0]
 
+    def measure_scheme(
+        self,
+        reflectance: Reflectance,
+        scheme: HemisphereScheme,
+        *,
+        reciprocal: bool | None = None,
+        checkpoint: Path | None = None,
+        progress: Progress | None = None,
+    ) -> DirectionsMeasurement:
+        """Measure all pairs of the directions of a scheme (thesis section D.3).
+
+        Args:
+            reflectance: the material.
+            scheme: n directions, the same for illumination and view.
+            reciprocal: measure each unordered pair once, n(n + 1)/2 samples, the direction that
+                the scheme names first (with rings: the steeper one) as illumination; or all n²
+                ordered pairs. By default as the material is.
+            checkpoint, progress: as in ``measure_list``.
+
+        Raises:
+            SimrigError: as ``measure_list``.
+        """
+        once = reflectance.reciprocal if reciprocal is None else reciprocal
+        count = len(scheme)
+        first, second = (
+            np.triu_indices(count) if once else np.indices((count, count)).reshape(2, -1)
+        )
+        angles = (scheme.theta[first], scheme.theta[second], scheme.phi[first], scheme.phi[second])
+        pairs = "each unordered pair once" if once else "all ordered pairs"
+        return self.measure_list(
+            reflectance,
+            np.stack(angles, axis=1),
+            plan=f"scheme {scheme.name}, {count} directions, {pairs}",
+            checkpoint=checkpoint,
+            progress=progress,
+        )
+
+    def measure_list(
+        self,
+        reflectance: Reflectance,
+        angles: np.ndarray,
+        *,
+        plan: str = "list of directions",
+        checkpoint: Path | None = None,
+        progress: Progress | None = None,
+    ) -> DirectionsMeasurement:
+        """Measure one material at direction pairs that are known in advance.
+
+        Args:
+            reflectance: the material.
+            angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
+            plan: what the provenance calls the list.
+            checkpoint: file that keeps what was measured so far, as in ``measure``.
+            progress: called with the number of samples done and in total.
+
+        Raises:
+            SimrigError: directions beyond the material's data or at the horizon, values that
+                cannot be, a checkpoint of another measurement.
+        """
+        angles = np.asarray(angles, dtype=np.float64)
+        self._check_reach([reflectance], float(angles[:, :2].max(initial=0.0)))
+        total = len(angles)
+        setting = {
+            "plan": plan,
+            "samples": total,
+            "material": fingerprint(reflectance),
+            **self._conditions(),
+        }
+        log = ReplayLog(checkpoint, setting)
+
+        def take(part: np.ndarray) -> np.ndarray:
+            values = self.measure_directions(reflectance, part)
+            if progress is not None:
+                progress(len(log) + len(values), total)
+            return values
+
+        start = time.perf_counter()
+        # every save writes all that was measured so far: at most fifty of them
+        chunk = max(512, total // 50) if checkpoint or progress else total
+        values = log.measure(angles, take, chunk)
+        seconds = time.perf_counter() - start
+        log.remove()
+        cost = self._cost(total, seconds, adaptive=False)
+        provenance = self._provenance(plan, setting)
+        return DirectionsMeasurement(angles, values, reflectance.name, cost, provenance)
+
     def _conditions(self) -> dict[str, Any]:
         """Return the effects and what they depend on, as plain values; nothing without effects."""
         if not self.effects:
             return {}
         return {"effects": list(self.effects), "instrument": asdict(self.instrument)}
 
-    def _check_reach(self, reflectances: Sequence[Reflectance], placement: SlicePlacement) -> None:
+    def _check_reach(self, reflectances: Sequence[Reflectance], theta_max: float) -> None:
         for reflectance in reflectances:
             # files often hold angles as float32: 80° is then 79.99998°
-            if placement.theta_max > reflectance.theta_max + REACH_TOLERANCE:
-                own, asked = np.degrees([reflectance.theta_max, placement.theta_max])
+            if theta_max > reflectance.theta_max + REACH_TOLERANCE:
+                own, asked = np.degrees([reflectance.theta_max, theta_max])
                 raise SimrigError(
                     f"'{reflectance.name}' has data up to theta = {own:g} degrees, the plan asks "
                     f"for {asked:g}: lower theta_max"
@@ -227,19 +315,26 @@ class Gonioreflectometer:
         setting: dict,
         seconds: float,
     ) -> Measurement:
-        count = len(found.values)
-        cost = Cost(
+        cost = self._cost(len(found.values), seconds, adaptive=True)
+        plan = f"adaptive along slices, {placement.describe()}, {slice_types}"
+        provenance = self._provenance(plan, setting)
+        return Measurement(found, placement, slice_types, reflectance.name, cost, provenance)
+
+    def _cost(self, count: int, seconds: float, adaptive: bool) -> Cost:
+        return Cost(
             samples=count,
-            hardware_seconds=self.timing.seconds(count, adaptive=True),
+            hardware_seconds=self.timing.seconds(count, adaptive=adaptive),
             compute_seconds=seconds,
             bytes=count * 7 * 8,
         )
+
+    def _provenance(self, plan: str, setting: Mapping[str, Any]) -> dict[str, Any]:
         provenance: dict[str, Any] = {
             "rig": "gonioreflectometer, direct level",
-            "plan": f"adaptive along slices, {placement.describe()}, {slice_types}",
+            "plan": plan,
             "parameters": setting,
             "simrig_version": simrig.__version__,
         }
         if self.plan is not None:
             provenance["effects"] = dict(self.plan)
-        return Measurement(found, placement, slice_types, reflectance.name, cost, provenance)
+        return provenance

@@ -1,26 +1,21 @@
-"""The conventional baseline: a regular table of directions, looked up by multilinear interpolation.
+"""Plans of conventional sampling: the uniform scheme or the regular grid that samples allow.
 
-A rig without any adaptivity steps both arms through the same elevations and azimuths. Light and
-view may change places, so each unordered pair of the D directions is measured once:
-n = D·(D + 1)/2 samples; the direction at theta = 0 has one azimuth.
+A rig without any adaptivity steps both arms through the same directions. Light and view may
+change places, so each unordered pair of the D directions is measured once: D·(D + 1)/2 samples
+(thesis section D.3).
 """
 
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
-import numpy as np
-
-from simrig.cost import Cost
+from simrig.directions.schemes import HemisphereScheme, Ring, uniform_scheme
 from simrig.errors import SimrigError
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.protocol import Reflectance
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
 
 # Candidates that use at least this share of the wished samples compete by their shape
 _LEAST_SHARE = 0.85
+_SCHEMES = 30
 
 
 @dataclass(frozen=True)
@@ -51,6 +46,14 @@ class UniformPlan:
     def theta_step(self) -> float:
         """Step of the elevations, in radians."""
         return self.theta_max / (self.elevations - 1)
+
+    def scheme(self) -> HemisphereScheme:
+        """Return the directions, ring by ring from the normal outwards."""
+        last = math.degrees(self.theta_max)
+        steps = range(1, self.elevations)
+        rings = (Ring(last * i / (self.elevations - 1), self.azimuths) for i in steps)
+        name = f"regular_{self.elevations}x{self.azimuths}"
+        return HemisphereScheme.from_rings(name, [Ring(0.0, 1), *rings])
 
     def describe(self) -> str:
         """Return the steps in words."""
@@ -92,49 +95,20 @@ def uniform_plan(samples: int, theta_max: float) -> UniformPlan:
     return max(plans, key=lambda plan: (plan.samples, -unevenness(plan)))
 
 
-def measure_uniform(
-    rig: Gonioreflectometer, reflectance: Reflectance, plan: UniformPlan
-) -> tuple[DenseTable, Cost]:
-    """Measure a regular grid and return it as a table, with its cost.
-
-    Where the material is not reciprocal, the measured half is the one of theta_i <= theta_v, as
-    with slices.
+def largest_uniform_scheme(samples: int) -> HemisphereScheme:
+    """Return the densest of the thirty uniform schemes that takes at most ``samples`` samples.
 
     Args:
-        rig: measures the directions.
-        reflectance: the material.
-        plan: the grid.
+        samples: wished number of samples, each an unordered pair of directions.
 
-    Returns:
-        The table (values (n_theta, n_theta, n_phi, n_phi, 3)) and the cost of measuring it.
+    Raises:
+        SimrigError: fewer samples than scheme 1 takes.
     """
-    start = time.perf_counter()
-    n, m = plan.elevations, plan.azimuths
-    theta = np.repeat(np.arange(n), m) * plan.theta_step
-    theta[-m:] = plan.theta_max
-    phi = np.tile(np.arange(m) * (2.0 * math.pi / m), n)
-    number = np.concatenate([np.zeros(m, dtype=np.int64), 1 + np.arange((n - 1) * m)])
-    place = np.concatenate([[0], np.arange(m, n * m)])  # one node of each direction
-    first, second = np.triu_indices(plan.directions)
-    angles = np.stack(
-        [theta[place[first]], theta[place[second]], phi[place[first]], phi[place[second]]], axis=1
-    )
-    measured = rig.measure_directions(reflectance, angles)
-    pairs = np.empty((plan.directions, plan.directions, 3))
-    pairs[first, second] = measured
-    pairs[second, first] = measured
-    values = pairs[number[:, None], number[None, :]].reshape(n, m, n, m, 3).swapaxes(1, 2)
-    table = DenseTable(
-        values.astype(np.float32),
-        plan.theta_step,
-        plan.theta_max,
-        reciprocal=True,
-        name=f"{reflectance.name}, uniform",
-    )
-    cost = Cost(
-        samples=len(measured),
-        hardware_seconds=rig.timing.seconds(len(measured), adaptive=False),
-        compute_seconds=time.perf_counter() - start,
-        bytes=angles.nbytes + measured.nbytes,
-    )
-    return table, cost
+    schemes = [uniform_scheme(index) for index in range(1, _SCHEMES + 1)]
+    fitting = [scheme for scheme in schemes if scheme.reciprocal_count <= samples]
+    if not fitting:
+        raise SimrigError(
+            f"{samples} samples are too few for a uniform scheme, the sparsest takes "
+            f"{schemes[0].reciprocal_count}"
+        )
+    return fitting[-1]
