@@ -177,10 +177,10 @@ def _panel(
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
     for scale in (panel.xaxis, panel.yaxis):
-        _plain_ticks(scale)
+        plain_ticks(scale)
 
 
-def _plain_ticks(scale: Axis) -> None:
+def plain_ticks(scale: Axis) -> None:
     """Label a logarithmic axis with plain numbers, as many as fit."""
     low, high = sorted(scale.get_view_interval())
     decades = np.log10(high / low)

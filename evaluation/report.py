@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import markupsafe
 
 from simrig.evaluation.environment import BUILTIN
 from simrig.evaluation.experiment_subjects import METHODS, SLICE_METHODS, Subject
@@ -57,7 +58,12 @@ def render(
         "plots": cost_plots(rows, METHODS),
         "settings": settings,
     }
-    return _environment().get_template("report.html").render(context)
+    return render_template("report.html", context)
+
+
+def render_template(name: str, context: Mapping[str, Any]) -> str:
+    """Return a template of ``evaluation/templates`` filled in."""
+    return _environment().get_template(name).render(context)
 
 
 def slice_ranking(
@@ -87,6 +93,7 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters.update(sig=significant, size=size, metric=metric, count=count, plain=plain)
+    environment.filters.update(lines=lines)
     return environment
 
 
@@ -117,6 +124,11 @@ def size(value: float) -> str:
 def metric(value: float | None, digits: int = 3) -> str:
     """Return an error figure; None stands for the infinite PSNR of identical images."""
     return "∞" if value is None else significant(value, digits)
+
+
+def lines(text: str) -> markupsafe.Markup:
+    """Return text whose lines stay apart on the page."""
+    return markupsafe.Markup("<br>").join(text.split("\n"))
 
 
 def plain(value: float) -> str:

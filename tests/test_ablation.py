@@ -31,6 +31,7 @@ from simrig.evaluation.metrics import delta_e_map, foreground_mask
 from simrig.evaluation.planning import effects, plan_scene
 from simrig.evaluation.rendering import render
 from simrig.evaluation.studies import plan_validation
+from simrig.evaluation.studies.engine import run_study
 from simrig.scenes import bright_corner, hidden_light, sphere
 
 GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
@@ -182,13 +183,11 @@ def test_the_command_finds_a_planted_defect(
 
 
 def test_the_validation_study_judges_a_planner_that_is_right_and_one_that_is_not(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The quick preset of ``simrig study run plan-validation``."""
-    settings: Any = {"materials": ("lambert",), "tolerances": (4.0,), "resolution": 20}
-    results = plan_validation.run(
-        scenes=("sphere", "bright_corner"), budget_seconds=BUDGET, **settings
-    )
+    study = plan_validation.STUDY
+    results = run_study(study, study.presets["quick"], tmp_path / "right").summary
     assert [r["scene"] for r in results["rows"]] == ["sphere", "bright_corner"]
     assert all(r["met"] and r["seconds"] > 0.0 for r in results["rows"])
     assert results["summary"]["violations"] == 0 < results["summary"]["checks"]
@@ -198,6 +197,7 @@ def test_the_validation_study_judges_a_planner_that_is_right_and_one_that_is_not
         console.print(plan_validation.table(results))
     assert "2 of 2 renders meet their tolerance" in shown.get()
     monkeypatch.setattr(effects.InterReflection, "bound", lambda *_: Bound(0.0, "dE", "planted"))
-    wrong = plan_validation.run(scenes=("bright_corner",), budget_seconds=BUDGET, **settings)
+    config = {**study.presets["quick"], "scenes": ["bright_corner"]}
+    wrong = run_study(study, config, tmp_path / "wrong").summary
     assert wrong["rows"][0]["met"] is False and wrong["summary"]["missed"] == 1
     assert wrong["summary"]["violations"] >= 1

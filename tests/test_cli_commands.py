@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from simrig.cli.app import app
 from simrig.data.images import read_image
 from simrig.data.load import FORMATS, MATERIALS
 from simrig.evaluation import studies
+from simrig.evaluation.studies.base import Study
 from simrig.rigs.measurement import Measurement
 from simrig.scenes import SCENES
 
@@ -168,7 +168,7 @@ def test_stability_sums_up_its_rows() -> None:
         (["convert", "wood01"], "name the file to write"),
         (["run", "nothing.toml"], "there is no file"),
         (["demo", "--material", "yelow_satin"], "did you mean 'yellow_satin'"),
-        (["study", "run", "table-5-4"], "table-5-3"),
+        (["study", "run", "table-5-33"], "table-5-3"),
         (["study"], "Missing command"),
         (["bench", "plugin"], "did you mean 'plugins'"),
     ],
@@ -254,22 +254,32 @@ def test_studies_and_benchmarks_are_listed() -> None:
     assert {"plugins", "reconstruct", "sampling"} <= set(names)
 
 
-def test_a_study_runs_and_reports_from_saved_results(monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(progress):
-        progress(1, 1, "the only step")
-        return {"rows": [{"published": 0.2, "ours": 0.19}]}
-
-    def table(results):
-        return f"published {results['rows'][0]['published']}, ours {results['rows'][0]['ours']}"
-
-    study = SimpleNamespace(__doc__="Table 0.\n\nSource: nowhere.", run=run, table=table)
+def test_a_study_runs_goes_on_and_reports(monkeypatch: pytest.MonkeyPatch) -> None:
+    study = Study(
+        name="table-0",
+        about="Table 0.",
+        source="nowhere",
+        presets={"quick": {"count": 2}, "full": {"count": 3}},
+        cells=lambda config: [{"number": number} for number in range(config["count"])],
+        run_cell=lambda config, cell: [{"published": 0.2, "ours": 0.1 * cell["number"]}],
+        summarise=lambda config, rows: {"ours": max(row["ours"] for row in rows)},
+        table=lambda summary: f"published 0.2, ours {summary['ours']}",
+        plots=lambda summary, rows, folder: [],
+    )
     monkeypatch.setitem(studies.STUDIES, "table-0", study)
-    assert done("study", "run", "table-0") == run(lambda *_: None)
-    Path("saved.json").write_text(simrig("study", "run", "table-0", "--json").stdout)
-    shown = simrig("study", "report", "table-0", "--results", "saved.json")
-    assert shown.stdout == "Table 0.\n\nSource: nowhere.\npublished 0.2, ours 0.19\n"
-    report = ("study", "report", "table-0", "--results", "other.json")
-    Path("other.json").write_text("[")
-    assert "holds no JSON object" in refusal(*report)
-    Path("other.json").write_text("{}")
-    assert "holds no results of the study 'table-0'" in refusal(*report)
+    folder = "output/studies/table-0-quick"
+    assert "run 'simrig study run table-0' first" in refusal("study", "report", "table-0")
+    result = done("study", "run", "table-0")
+    assert result["summary"] == {"ours": 0.1} and result["output"] == folder
+    assert result["run"]["computed"] == result["run"]["cells"] == 2
+    assert done("study", "run", "table-0")["run"]["computed"] == 0, "all cells were finished"
+    shown = simrig("study", "report", "table-0").stdout
+    page = f"{folder}/report.html"
+    assert shown == f"published 0.2, ours 0.1\nnowhere\n{folder}: open {page}\n"
+    assert "published 0.2, ours 0.1" in Path(page).read_text()
+    other = refusal("study", "run", "table-0", "--full", "--output", folder)
+    assert "configuration count = 2, asked for is 3" in other
+    assert "holds results of the study 'table-0'" in refusal(
+        "study", "report", "table-5-3", "--output", folder
+    )
+    assert done("study", "report", "table-0")["summary"] == {"ours": 0.1}, "nothing was touched"

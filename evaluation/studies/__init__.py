@@ -1,15 +1,10 @@
-"""Studies: one file per published table or figure, with its expected numbers.
-
-A study is a module with ``run(progress) -> dict`` and ``table(results)``.
-"""
+"""Studies: one module per published table or figure, or question of our own (docs/studies.md)."""
 
 from __future__ import annotations
 
-from types import ModuleType
-
 from simrig.evaluation.studies import plan_validation, table_5_3
+from simrig.evaluation.studies.base import Study
 
-STUDIES: dict[str, ModuleType] = {
-    "table-5-3": table_5_3,
-    "plan-validation": plan_validation,
+STUDIES: dict[str, Study] = {
+    study.name: study for study in (table_5_3.STUDY, plan_validation.STUDY)
 }

@@ -16,7 +16,8 @@ planned render with a hand-written scene of the same samples (medians of alterna
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,9 @@ from simrig.evaluation import rendering
 from simrig.evaluation.ablation import effect_rows, plan_row, planned_render_row
 from simrig.evaluation.ablation_pictures import Pictures
 from simrig.evaluation.planning import plan_scene, planned_render
+from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 from simrig.evaluation.replicates import Change
+from simrig.evaluation.studies.base import Cell, Config, Row, Study
 from simrig.plugins import make_bsdf
 from simrig.scenes import build_scene
 
@@ -49,52 +52,62 @@ _DIRECT_SCENES = ("sphere", "cylinder")
 _DIRECT_ROUNDS = 9
 
 
-def run(
-    progress: Callable[..., None] | None = None,
-    scenes: Sequence[str] = tuple(SCENE_OPTIONS),
-    materials: Sequence[str] = MATERIALS,
-    tolerances: Sequence[float] = TOLERANCES,
-    resolution: int = 64,
-    budget_seconds: float = 2.5,
-) -> dict[str, Any]:
-    """Run the study.
+PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {
+        "scenes": ["sphere", "bright_corner"],
+        "materials": ["lambert"],
+        "tolerances": [4.0],
+        "resolution": 20,
+        "budget_seconds": 100.0,  # far more than it takes: the noise of the picture ends it
+    },
+    "full": {
+        "scenes": list(SCENE_OPTIONS),
+        "materials": list(MATERIALS),
+        "tolerances": list(TOLERANCES),
+        "resolution": 64,  # width of the pictures in pixels
+        # for the picture with everything of one scene and material; the pictures that check the
+        # bounds take as long each, or less
+        "budget_seconds": 2.5,
+    },
+}
 
-    Args:
-        progress: called with the number of cells done and in total.
-        scenes: names from ``SCENE_OPTIONS``.
-        materials: built-in names or files.
-        tolerances: mean ΔE.
-        resolution: width of the pictures in pixels.
-        budget_seconds: for the picture with everything of one scene and material; the pictures
-            that check the bounds take as long each, or less.
+
+def cells(config: Config) -> list[dict[str, Any]]:
+    """Return one cell per scene and material, and one per scene that is timed by hand."""
+    scenes, materials = config["scenes"], config["materials"]
+    planned = [{"part": "planned", "scene": s, "material": m} for s in scenes for m in materials]
+    direct = [name for name in scenes if name in _DIRECT_SCENES]
+    return planned + [{"part": "direct", "scene": s, "material": materials[0]} for s in direct]
+
+
+def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
+    """Plan and render one scene with one material.
 
     Returns:
-        ``rows`` (one per scene, material and tolerance), ``checks`` (one per bound), ``direct``
-        and a ``summary``.
+        Rows of three kinds: ``render`` (one per tolerance) and ``check`` (one per bound) of a
+        planned part, and ``timing`` of a direct one.
     """
     backend.select("auto")
-    rows: list[dict[str, Any]] = []
-    checks: list[dict[str, Any]] = []
-    cells = [(scene, material) for scene in scenes for material in materials]
-    for done, (scene, material) in enumerate(cells):
-        if progress is not None:
-            progress(done, len(cells), f"{scene}, {material}")
-        allowed = [Tolerance("dE", value) for value in sorted(tolerances)]
-        cell_rows, cell_checks = _cell(
-            _builder(scene, material, resolution), allowed, budget_seconds
-        )
-        about = {"scene": scene, "material": material}
-        rows += [about | row for row in cell_rows]
-        checks += [about | check for check in cell_checks]
-    direct = [_direct(name, materials[0]) for name in scenes if name in _DIRECT_SCENES]
-    if progress is not None:
-        progress(len(cells), len(cells))
+    if cell["part"] == "direct":
+        return [{"kind": "timing", **_direct(cell["scene"], cell["material"])}]
+    allowed = [Tolerance("dE", value) for value in sorted(config["tolerances"])]
+    build = _builder(cell["scene"], cell["material"], config["resolution"])
+    renders, checks = _cell(build, allowed, config["budget_seconds"])
+    return [{"kind": "render", **row} for row in renders] + [
+        {"kind": "check", **check} for check in checks
+    ]
+
+
+def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the rows by their kind, and what they say together."""
+    kinds: dict[str, list[dict[str, Any]]] = {"render": [], "check": [], "timing": []}
+    for row in rows:
+        kinds[row["kind"]].append({k: v for k, v in row.items() if k not in ("kind", "part")})
     return {
-        "study": "plan-validation",
-        "rows": rows,
-        "checks": checks,
-        "direct": direct,
-        "summary": _summary(rows, checks),
+        "rows": kinds["render"],
+        "checks": kinds["check"],
+        "direct": kinds["timing"],
+        "summary": _summary(kinds["render"], kinds["check"]),
     }
 
 
@@ -171,7 +184,6 @@ def _direct(scene: str, material: str) -> dict[str, Any]:
             seconds["minimal"].append(by_hand.run_seconds)
     medians = {name: float(np.median(values)) for name, values in seconds.items()}
     return {
-        "scene": scene,
         "spp": plan.settings["spp"],
         "seconds": medians["planned"],
         "minimal_seconds": medians["minimal"],
@@ -202,29 +214,29 @@ def _summary(rows: Sequence[dict[str, Any]], checks: Sequence[dict[str, Any]]) -
     }
 
 
-def table(results: dict[str, Any]) -> Any:
-    """Return the results as a table for the terminal."""
+def table(summary: Mapping[str, Any]) -> Any:
+    """Return the summary as a table for the terminal."""
     from rich.console import Group
     from rich.table import Table
 
-    values = list(dict.fromkeys(row["tolerance"] for row in results["rows"]))
+    values = list(dict.fromkeys(row["tolerance"] for row in summary["rows"]))
     shown = Table(title="planned renders: ΔE (spp, time saved); ! missed, ? reference too noisy")
     for name in ("scene", "material", "reference ±ΔE"):
         shown.add_column(name)
     for value in values:
         shown.add_column(f"tolerance {value:g}", justify="right")
     shown.add_column("planning [s]", justify="right")
-    for scene, material in dict.fromkeys((r["scene"], r["material"]) for r in results["rows"]):
-        cell = [r for r in results["rows"] if (r["scene"], r["material"]) == (scene, material)]
+    for scene, material in dict.fromkeys((r["scene"], r["material"]) for r in summary["rows"]):
+        cell = [r for r in summary["rows"] if (r["scene"], r["material"]) == (scene, material)]
         planning = max(row["planning_seconds"] for row in cell)
         known = f"{cell[0]['reference_error']:.3f}"
         shown.add_row(scene, material, known, *map(_text, cell), f"{planning:.2f}")
     lines = [
         f"direct light only, {one['scene']}: planned {one['seconds']:.4f} s, written by hand "
         f"{one['minimal_seconds']:.4f} s, ratio {one['ratio']:.2f}"
-        for one in results["direct"]
+        for one in summary["direct"]
     ]
-    return Group(shown, *lines, _said(results["summary"]))
+    return Group(shown, *lines, _said(summary["summary"]))
 
 
 def _text(row: dict[str, Any]) -> str:
@@ -243,3 +255,40 @@ def _said(summary: dict[str, Any]) -> str:
         f"{summary['planning_max_s']:.2f} s at most, below 0.2 s or 5 % of its render in "
         f"{summary['planning_cheap']} of {summary['cases']} cases"
     )
+
+
+def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Draw what the planned renders miss over what they may miss."""
+    figure = new_figure(5.6, 4.6)
+    panel = figure.subplots()
+    for number, scene in enumerate(dict.fromkeys(row["scene"] for row in summary["rows"])):
+        own = [row for row in summary["rows"] if row["scene"] == scene]
+        panel.plot(
+            [row["tolerance"] * 1.04 ** (number - 3) for row in own],  # side by side
+            [max(row["delta_e_corrected"], 1e-3) for row in own],
+            linestyle="",
+            color=COLOURS[number % len(COLOURS)],
+            marker=MARKERS[number % len(MARKERS)],
+            markerfacecolor="white",
+            label=scene.replace("_", " "),
+        )
+    panel.axline((1.0, 1.0), slope=1.0, color="0.7", zorder=0, label="tolerance")
+    panel.set(xscale="log", yscale="log", xlabel="tolerance [mean ΔE]", ylabel="reached [mean ΔE]")
+    for scale in (panel.xaxis, panel.yaxis):
+        plain_ticks(scale)
+    figure.legend(loc="outside right center", frameon=False)
+    finish_figure(figure, folder / "plan_validation.png")
+    return [folder / "plan_validation.png"]
+
+
+STUDY = Study(
+    name="plan-validation",
+    about="Validation of the planner: planned renders against converged ones with every effect.",
+    source="none published: the figures are our own",
+    presets=PRESETS,
+    cells=cells,
+    run_cell=run_cell,
+    summarise=summarise,
+    table=table,
+    plots=plots,
+)

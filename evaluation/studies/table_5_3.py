@@ -20,10 +20,13 @@ Source: thesis section 5.5.4, Table 5.3.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from simrig.evaluation.mre import mre_exact
+from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
+from simrig.evaluation.studies.base import Cell, Config, Row, Study
 from simrig.reconstruction.slices import reconstruct
 from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.reflectance.grid import to_dense
@@ -47,42 +50,35 @@ PUBLISHED: dict[str, tuple[float, ...]] = {
 }
 
 
-def run(
-    progress: Callable[..., None] | None = None,
-    materials: tuple[str, ...] = KURT_MATERIALS + RESCALED_MATERIALS,
-    step_deg: float = 2.0,
-) -> dict[str, Any]:
-    """Run the study.
+PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {"materials": ["purple_satin", "wood01_rescaled"], "step_deg": 10.0},
+    "full": {"materials": [*KURT_MATERIALS, *RESCALED_MATERIALS], "step_deg": 2.0},
+}
 
-    Args:
-        progress: called with the number of cells done and in total.
-        materials: names of the materials (with ``_rescaled`` for the inferred set).
-        step_deg: step of the comparison grid; 2 is the thesis's.
+
+def cells(config: Config) -> list[dict[str, Any]]:
+    """Return one cell per material and case."""
+    return [{"material": name, "case": case} for name in config["materials"] for case in CASES]
+
+
+def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
+    """Measure, reconstruct and compare one material in one case.
 
     Returns:
-        ``rows`` and ``rescaled_rows``, each a list of dictionaries with ``material``, ``case``,
-        ``published``, ``ours`` and ``ours_one_pole`` (MRE in percent), the ``ratio`` of the
-        first two, and the cost.
+        One row: ``published``, ``ours`` and ``ours_one_pole`` (MRE in percent), the ``ratio`` of
+        the first two, and the cost.
     """
-    rows: list[dict[str, Any]] = []
-    cells = [(material, case) for material in materials for case in CASES]
-    for done, (material, case) in enumerate(cells):
-        if progress is not None:
-            progress(done, len(cells))
-        rows.append(_cell(material, case, step_deg))
-    if progress is not None:
-        progress(len(cells), len(cells))
-    printed = [row for row in rows if row["material"] in KURT_MATERIALS]
-    return {
-        "study": "table-5-3",
-        "source": "thesis section 5.5.4, Table 5.3",
-        "grid_step_deg": step_deg,
-        "rows": printed,
-        "rescaled_rows": [row for row in rows if row not in printed],
-    }
+    return [_row(cell["material"], cell["case"], config["step_deg"])]
 
 
-def _cell(material: str, case: str, step_deg: float) -> dict[str, Any]:
+def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the rows of the printed and of the rescaled materials apart."""
+    printed = [dict(row) for row in rows if row["material"] in KURT_MATERIALS]
+    rescaled = [dict(row) for row in rows if row["material"] not in KURT_MATERIALS]
+    return {"grid_step_deg": config["step_deg"], "rows": printed, "rescaled_rows": rescaled}
+
+
+def _row(material: str, case: str, step_deg: float) -> dict[str, Any]:
     samples, e_s, a_s, slice_types = CASES[case]
     truth = kurt_material(material)
     placement = SlicePlacement.from_degrees(e_s, a_s)
@@ -97,8 +93,6 @@ def _cell(material: str, case: str, step_deg: float) -> dict[str, Any]:
     error = mre_exact(truth, to_the_letter, step_deg=step_deg)
     published = PUBLISHED[case][KURT_MATERIALS.index(material.removesuffix("_rescaled"))]
     return {
-        "material": material,
-        "case": case,
         "published": published,
         "ours": error.percent,
         "ratio": error.percent / published,
@@ -112,8 +106,8 @@ def _cell(material: str, case: str, step_deg: float) -> dict[str, Any]:
     }
 
 
-def table(results: dict[str, Any]) -> Any:
-    """Return the results as a table for the terminal."""
+def table(summary: Mapping[str, Any]) -> Any:
+    """Return the summary as tables for the terminal."""
     from rich.console import Group
     from rich.table import Table
 
@@ -137,10 +131,10 @@ def table(results: dict[str, Any]) -> Any:
         shown.add_row("mean", *means)
         return shown
 
-    parts = [make("MRE [%], Table D.1 as printed", results["rows"])]
-    if results["rescaled_rows"]:
+    parts = [make("MRE [%], Table D.1 as printed", summary["rows"])]
+    if summary["rescaled_rows"]:
         title = "MRE [%], second lobes rescaled (inferred factors, not published)"
-        parts.append(make(title, results["rescaled_rows"]))
+        parts.append(make(title, summary["rescaled_rows"]))
     return Group(*parts)
 
 
@@ -153,3 +147,40 @@ def _means(rows: list[dict[str, Any]]) -> str:
         return ""
     keys = ("published", "ours", "ours_one_pole")
     return _text(*(sum(row[key] for row in rows) / len(rows) for key in keys))
+
+
+def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Draw our errors over the published ones."""
+    figure = new_figure(5.6, 5.2)
+    panel = figure.subplots()
+    for number, case in enumerate(CASES):
+        own = [row for row in rows if row["case"] == case]
+        panel.plot(
+            [row["published"] for row in own],
+            [row["ours"] for row in own],
+            linestyle="",
+            color=COLOURS[number],
+            marker=MARKERS[number],
+            markerfacecolor="white",
+            label=f"({case}) {CASES[case][0]:,} samples, {CASES[case][3].replace('_', ' + ')}",
+        )
+    panel.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0, label="as published")
+    panel.set(xscale="log", yscale="log", xlabel="MRE published [%]", ylabel="MRE ours [%]")
+    for scale in (panel.xaxis, panel.yaxis):
+        plain_ticks(scale)
+    panel.legend(frameon=False)
+    finish_figure(figure, folder / "table_5_3.png")
+    return [folder / "table_5_3.png"]
+
+
+STUDY = Study(
+    name="table-5-3",
+    about="Table 5.3: the mean relative error of adaptive slices, published beside ours.",
+    source="thesis section 5.5.4, Table 5.3",
+    presets=PRESETS,
+    cells=cells,
+    run_cell=run_cell,
+    summarise=summarise,
+    table=table,
+    plots=plots,
+)

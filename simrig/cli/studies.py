@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from simrig.cli import frame
-from simrig.errors import SimrigError, unknown_name
+from simrig.errors import unknown_name
+
+if TYPE_CHECKING:
+    from simrig.evaluation.studies.engine import StudyResults
 
 _StudyName = Annotated[str, typer.Argument(help="See 'simrig study list'.")]
+_Full = Annotated[
+    bool, typer.Option("--full/--quick", help="As published, or small enough to try.")
+]
+_Output = Annotated[
+    Path | None, typer.Option(help="The folder of the results; output/studies/NAME-PRESET else.")
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -27,52 +36,79 @@ def list_studies() -> frame.Report:
     """List the studies."""
     from simrig.evaluation.studies import STUDIES
 
-    rows = [(name, _first_line(module)) for name, module in STUDIES.items()]
-    return frame.Report(
-        data={"studies": [{"name": name, "about": about} for name, about in rows]},
-        shown=[frame.table(("study", "about"), rows)],
-    )
+    columns = ("study", "about", "source")
+    rows = [(study.name, study.about, study.source) for study in STUDIES.values()]
+    data = [
+        {**dict(zip(("name", *columns[1:]), row, strict=True)), "presets": STUDIES[row[0]].presets}
+        for row in rows
+    ]
+    return frame.Report(data={"studies": data}, shown=[frame.table(columns, rows)])
 
 
-def run_study(name: _StudyName) -> frame.Report:
-    """Run a study and print published beside ours."""
-    from simrig.evaluation.studies import STUDIES
-
-    return _run("study", name, STUDIES)
-
-
-def report_study(
+def run_study(
     name: _StudyName,
-    results: Annotated[
-        Path | None, typer.Option(help="What 'study run --json' printed; runs the study else.")
+    full: _Full = False,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes; more than one need simrig[studies].")
+    ] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a Dask scheduler.")
     ] = None,
+    output: _Output = None,
 ) -> frame.Report:
-    """Say where the figures were published and how the text is read, with the table below."""
+    """Run a study and print published beside ours.
+
+    Every finished cell is kept: after Ctrl-C the same command goes on.
+    """
     from simrig.evaluation.studies import STUDIES
+    from simrig.evaluation.studies.engine import run_study
 
-    module = _find("study", name, STUDIES)
-    about = (module.__doc__ or "").strip()
-    ran = _run("study", name, STUDIES).data if results is None else _read(results)
-    try:
-        table = module.table(ran)
-    except (KeyError, TypeError, ValueError) as error:
-        if results is None:
-            raise
-        raise SimrigError(f"'{results}' holds no results of the study '{name}'") from error
-    return frame.Report(data={"name": name, "about": about, **ran}, shown=[about, table])
+    study = _find("study", name, STUDIES)
+    preset = _preset(full)
+    folder = output or _folder(name, preset)
+    frame.on_interrupt(f"the same command goes on from the finished cells in '{folder}'")
+    with frame.progress(name) as report:
+        config = study.presets[preset]
+        results = run_study(study, config, folder, scheduler, workers, report)
+    return _report(results, folder, f"{folder}: tables, plots and every cell")
 
 
-def _read(results: Path) -> dict[str, Any]:
-    import json
+def report_study(name: _StudyName, full: _Full = False, output: _Output = None) -> frame.Report:
+    """Write a page with published beside ours, plots, and how the text was read."""
+    from simrig.evaluation.studies import STUDIES
+    from simrig.evaluation.studies.engine import load_results
+    from simrig.evaluation.studies.page import paragraphs, write_page
 
-    from simrig.data.files import existing_file
+    study = _find("study", name, STUDIES)
+    folder = output or _folder(name, _preset(full))
+    results = load_results(study, folder)
+    page = write_page(results, folder)
+    about = "\n".join(paragraphs(study))
+    return _report(results, folder, f"{folder}: open {page}", report=page, about=about)
 
-    try:
-        return dict(json.loads(existing_file(results).read_text()))
-    except (ValueError, TypeError):
-        raise SimrigError(
-            f"'{results}' holds no JSON object: save 'study run --json' to it"
-        ) from None
+
+def _preset(full: bool) -> str:
+    return "full" if full else "quick"
+
+
+def _folder(name: str, preset: str) -> Path:
+    """Return where the results of a preset go when nothing else is asked for."""
+    return Path("output", "studies", f"{name}-{preset}")
+
+
+def _report(results: StudyResults, folder: Path, last: str, **more: Any) -> frame.Report:
+    study = results.study
+    data = {
+        "study": study.name,
+        "source": study.source,
+        "output": folder,
+        "run": results.run,
+        "configuration": results.config,
+        "summary": results.summary,
+        "files": results.files,
+        **more,
+    }
+    return frame.Report(data=data, shown=[study.table(results.summary), study.source, last])
 
 
 def bench(
@@ -87,11 +123,7 @@ def bench(
             data={"benchmarks": [{"name": known, "about": about} for known, about in rows]},
             shown=[frame.table(("benchmark", "about"), rows)],
         )
-    return _run("benchmark", name, BENCHMARKS)
-
-
-def _run(kind: str, name: str, registry: dict[str, Any]) -> frame.Report:
-    module = _find(kind, name, registry)
+    module = _find("benchmark", name, BENCHMARKS)
     with frame.progress(name) as report:
         results = module.run(report)
     return frame.Report(data=results, shown=[module.table(results)])
