@@ -2,48 +2,61 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import trimesh
 
 from simrig.errors import SimrigError
 from simrig.mesostructure.heightfield import Grid, surface
+from simrig.mesostructure.looks import solid
 from simrig.mesostructure.noise import band_noise, scattered
-from simrig.mesostructure.tile import COLOURS, Part
+from simrig.mesostructure.tile import Part
 
 
-def sandpaper(
-    size_mm: tuple[float, float],
-    grain_mm: float,
-    colour: tuple[float, float, float],
-    resin: tuple[float, float, float],
-    rng: np.random.Generator,
-    resolution: int,
-    packing: float = 0.85,
-) -> tuple[Part, ...]:
-    """Return grains with flat facets, half sunk in glossy resin.
+@dataclass(frozen=True)
+class Sandpaper:
+    """Grains with flat facets, half sunk in resin.
 
-    Args:
+    Attributes:
         size_mm: of the tile.
-        grain_mm: mean diameter of a grain.
+        grain: mean diameter of a grain, mm.
         colour: linear RGB albedo of the abrasive.
         resin: linear RGB albedo of the resin.
-        rng: random generator.
-        resolution: steps of the bed along the longer side.
-        packing: mean grain diameter over the spacing of grains, 0 to 1.2.
+        packing: mean diameter of a grain over the spacing of grains, 0 to 1.2.
+
+    Raises:
+        SimrigError: grains that are too large for the tile or too dense.
     """
-    if not 0.0 < grain_mm < min(size_mm) / 2.0 or not 0.0 < packing <= 1.2:
-        raise SimrigError(
-            f"grains of {grain_mm:g} mm packed {packing:g} do not fit a tile of {size_mm} mm"
-        )
-    centres = scattered(size_mm, grain_mm / packing, rng, relaxation=1)
-    grid = Grid.of(size_mm, resolution)
-    bed = 0.12 * grain_mm * band_noise(grid, 1.5 * grain_mm, rng)
-    bed_colour = np.asarray(resin) * (1.0 + 0.08 * band_noise(grid, grain_mm, rng)[..., None])
-    glossy = {"type": "principled", "base_color": COLOURS, "roughness": 0.35, "specular": 0.5}
-    return (
-        surface(grid, bed, glossy, np.clip(bed_colour, 0.0, 1.0)),
-        _grains(grid, bed, centres, grain_mm, np.asarray(colour), rng),
-    )
+
+    size_mm: tuple[float, float]
+    grain: float
+    colour: tuple[float, float, float]
+    resin: tuple[float, float, float]
+    packing: float = 0.85
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.grain < min(self.size_mm) / 2.0 or not 0.0 < self.packing <= 1.2:
+            raise SimrigError(
+                f"grains of {self.grain:g} mm packed {self.packing:g} do not fit a tile of "
+                f"{self.size_mm} mm"
+            )
+
+    @property
+    def element_mm(self) -> float:
+        """Diameter of a grain."""
+        return self.grain
+
+    def parts(self, rng: np.random.Generator, resolution: int) -> tuple[Part, ...]:
+        """Return the bed of resin and the grains."""
+        grid = Grid.of(self.size_mm, resolution)
+        centres = scattered(self.size_mm, self.grain / self.packing, rng, relaxation=1)
+        bed = 0.12 * self.grain * band_noise(grid, 1.5 * self.grain, rng)
+        shade = 1.0 + 0.08 * band_noise(grid, self.grain, rng)[..., None]
+        tint = np.clip(np.asarray(self.resin) * shade, 0.0, 1.0)
+        colour = np.asarray(self.colour)
+        grains = _grains(grid, bed, centres, self.grain, colour, rng)
+        return surface(grid, bed, solid(0.35), tint), grains
 
 
 def _grains(
@@ -72,5 +85,5 @@ def _grains(
         faces=np.arange(len(vertices)).reshape(-1, 3),
         normals=None,
         colours=np.clip(np.broadcast_to(shade, (count, 60, 3)), 0.0, 0.95).reshape(-1, 3),
-        bsdf={"type": "principled", "base_color": COLOURS, "roughness": 0.25, "specular": 0.65},
+        bsdf=solid(0.25, specular=0.65),
     )
