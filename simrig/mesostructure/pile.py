@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from simrig.errors import SimrigError
-from simrig.mesostructure.heightfield import Grid, backing, steps_along, surface
+from simrig.mesostructure.heightfield import Grid, backing, surface
 from simrig.mesostructure.looks import fibre, solid
 from simrig.mesostructure.noise import band_noise, scattered, smoothstep
 from simrig.mesostructure.tile import Part
-from simrig.mesostructure.tubes import sweep, unit
+from simrig.mesostructure.tubes import sweep
 from simrig.mesostructure.yarn import Yarn
 
 
