@@ -39,6 +39,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "dense": ("simrig.reflectance.dense", "DenseTable"),
     "isotropic": ("simrig.reflectance.isotropic", "IsotropicTable"),
     "kurt": ("simrig.reflectance.analytic", "Kurt"),
+    "lafortune": ("simrig.reflectance.lafortune", "Lafortune"),
     "lambert": ("simrig.reflectance.analytic", "Lambert"),
     "rgl": ("simrig.reflectance.rgl", "RglReflectance"),
     "slices": ("simrig.reflectance.slices", "SliceReflectance"),

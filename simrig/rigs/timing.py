@@ -1,12 +1,13 @@
-"""How long the simulated hardware takes.
+"""How long the simulated hardware takes, fitted to the figures of the thesis.
 
-Fitted to the figures of the thesis for the UTIA gonioreflectometer: 6,561 images take about
+The UTIA gonioreflectometer: 6,561 images take about
 18 h (section 4.1); 8,911 and 18,721 adaptive samples take about 25 h and 51 h, some 10 % more
-than the same number of uniform samples (section 5.5.3).
+than the same number of uniform samples (section 5.5.3). The gantry: see below.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,3 +48,40 @@ def _fit() -> GonioreflectometerTiming:
 
 
 UTIA_TIMING = _fit()
+
+
+@dataclass(frozen=True)
+class GantryTiming:
+    """A gantry records whole slices as video, so time goes by slices and not by samples.
+
+    Cameras at several elevations record side by side, one light after the other.
+
+    Attributes:
+        slice_seconds: one recording, a full turn of the arms.
+        change_seconds: between two recordings, on average (lights, gears, camera).
+        cameras: how many record at once; None is one at every elevation.
+    """
+
+    slice_seconds: float
+    change_seconds: float
+    cameras: int | None = 1
+
+    def seconds(self, elevations: int, slices_per_subspace: int) -> float:
+        """Return the simulated duration of a measurement at all pairs of elevations, in seconds."""
+        cameras = min(self.cameras or elevations, elevations)
+        recordings = elevations * math.ceil(elevations / cameras) * slices_per_subspace
+        return recordings * (self.slice_seconds + self.change_seconds)
+
+
+def _fit_change(slice_seconds: float, published: tuple[tuple[int, float], ...]) -> float:
+    """Return the change time that fits (recordings, minutes) by least squares, relatively."""
+    rate = np.array([recordings / (60.0 * minutes) for recordings, minutes in published])
+    return float(rate.sum() / (rate @ rate) - slice_seconds)
+
+
+# thesis section 6.2.2: eight slices of 30 s in 6 min by hand, in 2 min with two cameras
+# (automatic changes then take no time that counts)
+GANTRY_TIMING = GantryTiming(30.0, _fit_change(30.0, ((8, 6.0),)))
+# thesis section 6.4.4: 10 s per slice; 8 slices per subspace with four cameras and lights in
+# about 7 min, 1,600 slices with ten of each in 30 min
+STEADY_GANTRY_TIMING = GantryTiming(10.0, _fit_change(10.0, ((32, 7.0), (160, 30.0))), None)

@@ -1,0 +1,293 @@
+"""Whole reflectances from a gantry: methods A, B and BD, the Lafortune model, transport."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from simrig import backend
+from simrig.data.hdf5 import read_reflectance, write_reflectance
+from simrig.directions import to_vector
+from simrig.errors import SimrigError
+from simrig.reconstruction.gantry import METHODS, reconstruct_gantry
+from simrig.reconstruction.gantry_elevations import fill_elevations, interval_weights
+from simrig.reconstruction.gantry_rbf import interpolate_rbf, system_condition
+from simrig.reconstruction.transport import displacement, transport_subspaces
+from simrig.reflectance import Lambert, evaluate, kurt_material
+from simrig.reflectance.dense import DenseTable
+from simrig.reflectance.lafortune import Lafortune, fit_lafortune
+from simrig.rigs.gantry import Gantry
+from simrig.sampling.gantry import GantryPlan
+
+SMALL = {"theta_step_deg": 15.0, "azimuths": 12}
+
+
+def directions(rng, count=200, highest=75.0):
+    theta = np.radians(rng.uniform(0.0, highest, (2, count)))
+    phi = rng.uniform(0.0, 2.0 * np.pi, (2, count))
+    return to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
+
+
+# --- the Lafortune model -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("exponent", [-1.5, 0.0, 0.7, 12.0])
+def test_lafortune_is_its_formula(exponent, rng):
+    model = Lafortune((0.1, 0.2, 0.3), exponent)
+    wi, wv = directions(rng)
+    expected = np.outer((wi[:, 2] * wv[:, 2]) ** exponent, (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(evaluate(model, wi, wv), expected, rtol=1e-12)
+    single = evaluate(model, wi, wv, backend.types("float32").Float)
+    np.testing.assert_allclose(single, expected, rtol=3e-5)
+
+
+def test_lafortune_is_finite_at_the_horizon_and_black_below():
+    model = Lafortune((1.0, 1.0, 1.0), -8.0)
+    grazing = np.array([[1.0, 0.0, 1e-12], [1.0, 0.0, 0.0]])
+    for number in (None, backend.types("float32").Float):
+        values = evaluate(model, grazing, grazing, number)
+        assert np.all(np.isfinite(values))
+        assert np.all(values[1] == 0.0)
+
+
+def test_lafortune_is_stored(tmp_path):
+    write_reflectance(tmp_path / "l.h5", Lafortune((0.1, 0.2, 0.3), 2.5, name="glossy"))
+    again = read_reflectance(tmp_path / "l.h5")
+    assert (again.exponent, again.name, again.k.tolist()) == (2.5, "glossy", [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize("bad", [{"k": (1, 1)}, {"k": (-1, 0, 0)}, {"exponent": 101}])
+def test_bad_lafortune_is_refused(bad):
+    with pytest.raises(SimrigError):
+        Lafortune(**bad)
+
+
+@pytest.mark.parametrize("exponent", [-2.0, 0.0, 3.3, 15.0])
+@pytest.mark.parametrize("k", [1e-9, 0.4, 1e6])
+def test_fit_finds_the_model(k, exponent, rng):
+    theta = np.radians(rng.uniform(0.0, 80.0, (2, 12)))
+    found = fit_lafortune(*theta, k * np.prod(np.cos(theta), axis=0) ** exponent)
+    assert found.exponent == pytest.approx(exponent, abs=1e-6)
+    assert found.k == pytest.approx(k, rel=1e-6)
+    assert found.residual < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("values", "k"), [(np.zeros(4), 0.0), (np.full(4, 0.3), 0.3), (np.array([0, 0, 0.4, 0]), 0.1)]
+)
+def test_fit_of_values_that_say_nothing_is_constant(values, k):
+    theta = np.radians([10.0, 30.0, 50.0, 70.0])
+    found = fit_lafortune(theta, theta, values)
+    assert found.exponent == pytest.approx(0.0, abs=1e-9)
+    assert found.k == pytest.approx(k)
+
+
+def test_fit_starts_beyond_a_spike():
+    theta = np.radians(np.linspace(5.0, 75.0, 15))
+    values = np.cos(theta) ** 4
+    spiked = values.copy()
+    spiked[14] *= 1e5
+    assert fit_lafortune(theta, theta, values).exponent == pytest.approx(2.0)
+    assert np.isfinite(fit_lafortune(theta, theta, spiked)).all()
+
+
+def test_fit_refuses_what_is_no_reflectance():
+    for bad in ([], [-1.0], [np.nan]):
+        with pytest.raises(SimrigError):
+            fit_lafortune(np.zeros(len(bad)), np.zeros(len(bad)), np.array(bad))
+
+
+# --- elevations ----------------------------------------------------------------------------------
+
+
+def test_weights_reach_the_limit_of_a_constant_mean():
+    theta, ends = np.radians([35.0, 50.0, 70.0]), np.radians([30.0, 75.0])
+    at_zero = interval_weights(theta, ends, 0.0)
+    np.testing.assert_allclose(interval_weights(theta, ends, 1e-8), at_zero, rtol=1e-7)
+    assert np.all(np.diff(at_zero) > 0.0)
+    np.testing.assert_allclose(interval_weights(ends, ends, 2.0), [0.0, 1.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("exponent", [-1.0, 0.0, 2.5])
+@pytest.mark.parametrize("elevations", [(30.0, 75.0), (15.0, 40.0, 60.0)])
+def test_method_b_reproduces_a_lafortune_lobe(exponent, elevations):
+    truth = Lafortune((0.3, 0.2, 0.1), exponent)
+    measurement = Gantry().measure(truth, GantryPlan.from_degrees(*elevations))
+    table = reconstruct_gantry(measurement, "b", theta_step_deg=7.5, azimuths=8).reflectance
+    theta = table.elevations
+    nodes = to_vector(theta, 0.4)
+    expected = evaluate(truth, nodes[:, None], nodes[None, :])
+    np.testing.assert_allclose(table.values[:, :, 0, 3], expected, rtol=2e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_lambert_gives_lambert(method, rng):
+    result = reconstruct_gantry(Gantry().measure(Lambert((0.1, 0.5, 0.9))), method, **SMALL)
+    values = evaluate(result.reflectance, *directions(rng))
+    np.testing.assert_allclose(values, np.tile([0.1, 0.5, 0.9], (200, 1)) / np.pi, rtol=1e-5)
+    assert any("'sum'" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("method", ["b", "bd"])
+def test_measured_elevations_are_kept(method):
+    truth = kurt_material("fabric112")
+    measurement = Gantry().measure(truth)
+    from simrig.reconstruction.gantry_subspace import subspaces
+
+    measured = subspaces(measurement.plan, measurement.values, 12)
+    table = reconstruct_gantry(measurement, method, **SMALL).reflectance
+    np.testing.assert_allclose(table.values[2::3, 2::3], measured, rtol=1e-4)
+
+
+def not_reciprocal() -> DenseTable:
+    """Return a table whose values depend on the elevation of the view twice as much."""
+    theta = np.radians(np.arange(6) * 15.0)
+    values = np.cos(theta)[:, None] * np.cos(theta)[None, :] ** 2 + 0.1
+    return DenseTable(
+        np.broadcast_to(values[:, :, None, None, None], (6, 6, 8, 8, 3)).copy(), np.radians(15.0)
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_not_reciprocal_stays_so(method):
+    truth = not_reciprocal()
+    table = reconstruct_gantry(Gantry().measure(truth), method, **SMALL).reflectance
+    assert not table.reciprocal
+    for i, v in ((2, 5), (5, 2)):
+        np.testing.assert_allclose(table.values[i, v], truth.values[i, v, 0, 0, 0], rtol=1e-3)
+
+
+def test_method_b_fills_with_the_course_of_the_mean():
+    known, wanted = np.radians([30.0, 75.0]), np.radians([0.0, 30.0, 52.5, 75.0])
+    measured = np.multiply.outer(np.cos(known) ** 3, np.cos(known) ** 3)
+    measured = np.broadcast_to(measured[..., None, None, None], (2, 2, 4, 4, 3))
+    filled = fill_elevations(measured, known, wanted)
+    expected = np.multiply.outer(np.cos(wanted) ** 3, np.cos(wanted) ** 3)
+    np.testing.assert_allclose(filled[..., 1, 2, 0], expected, rtol=1e-9)
+
+
+# --- transport -----------------------------------------------------------------------------------
+
+
+def lobe(count, centre, width=0.25, base=0.0):
+    phi = np.arange(count) * (2.0 * np.pi / count)
+    away = np.angle(np.exp(1j * (phi - centre)))
+    return base + np.exp(-((away / width) ** 2))
+
+
+def test_transport_moves_a_lobe_where_the_mean_shows_two():
+    first, second = lobe(48, 6.0), lobe(48, 6.0 + 1.0)  # over the seam at 360°
+    half = displacement(first, second, np.array([0.5]))[0]
+    np.testing.assert_allclose(half, lobe(48, 6.5), atol=0.12)
+    assert np.ptp(half) > 0.85
+    mean = 0.5 * (first + second)
+    assert mean.max() < 0.6
+    centre = np.angle(np.sum(half * np.exp(1j * np.arange(48) * 2 * np.pi / 48))) % (2 * np.pi)
+    assert centre == pytest.approx(6.5 % (2 * np.pi), abs=0.02)
+
+
+@pytest.mark.parametrize("shape", [(24,), (8, 12)])
+def test_transport_meets_its_ends_and_keeps_the_mass(shape, rng):
+    first, second = rng.random((2, *shape))
+    moved = displacement(first, second, np.array([0.0, 0.3, 1.0]))
+    np.testing.assert_allclose(moved[0], first, atol=1e-12)
+    np.testing.assert_allclose(moved[2], second, atol=1e-12)
+    assert moved[1].sum() == pytest.approx(0.7 * first.sum() + 0.3 * second.sum(), rel=1e-5)
+    assert moved.min() >= 0.0
+
+
+def test_an_even_distribution_stays_even():
+    moved = displacement(np.full(24, 0.3), np.full(24, 0.6), np.array([0.25]))
+    np.testing.assert_allclose(moved[0], 0.375)
+
+
+@pytest.mark.parametrize("mass", [0.0, 1e-310])
+def test_transport_without_mass_is_linear(mass):
+    first, second = np.full(12, mass), lobe(12, 1.0)
+    np.testing.assert_allclose(displacement(first, second, np.array([0.5]))[0], 0.5 * second)
+
+
+def test_transport_of_subspaces_moves_a_spot_in_both_azimuths():
+    first, second = (np.outer(lobe(16, c, 0.5), lobe(16, c, 0.5)) for c in (1.0, 2.0))
+    ends = np.repeat(np.stack([first, second])[..., None], 3, axis=-1)
+    half = transport_subspaces(ends, np.array([0.5]), 0)[0, ..., 0]
+    row, column = np.unravel_index(half.argmax(), half.shape)
+    assert row == column == 4  # 1.5 rad
+
+
+def test_too_large_a_transport_is_refused():
+    with pytest.raises(SimrigError, match="36 × 36"):
+        displacement(np.ones((48, 48)), np.ones((48, 48)), np.array([0.5]))
+
+
+def test_missing_transport_library_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ot", None)
+    with pytest.raises(SimrigError, match=r"pip install 'simrig\[transport\]'"):
+        reconstruct_gantry(Gantry().measure(Lambert()), "bd", **SMALL)
+
+
+# --- radial basis functions ----------------------------------------------------------------------
+
+
+def test_rbf_meets_its_nodes_and_says_its_condition(rng):
+    nodes, values = rng.random((50, 4)), rng.random((50, 3))
+    found, condition, notes = interpolate_rbf(nodes, values, nodes)
+    np.testing.assert_allclose(found, values, atol=1e-9)
+    assert condition > 1.0
+    assert any("condition" in note for note in notes)
+
+
+def test_condition_is_that_of_numpy(rng):
+    nodes = rng.random((30, 4))
+    matrix = np.ones((31, 31))
+    matrix[:30, :30] = -np.linalg.norm(nodes[:, None] - nodes[None], axis=-1)
+    matrix[30, 30] = 0.0
+    assert system_condition(nodes) == pytest.approx(np.linalg.cond(matrix, 1), rel=0.3)
+
+
+def test_near_singular_rbf_is_smoothed_and_says_so(rng):
+    nodes, values = rng.random((40, 4)), rng.random((40, 3))
+    twins = np.concatenate([nodes, nodes + 2e-9])
+    found, condition, notes = interpolate_rbf(twins, np.concatenate([values, 1.0 - values]), nodes)
+    assert condition > 1e8
+    assert any("near-singular" in note for note in notes)
+    assert np.all(np.abs(found) < 2.0)
+
+
+def test_rbf_merges_duplicates(rng):
+    nodes, values = rng.random((40, 4)), rng.random((40, 3))
+    found, _, notes = interpolate_rbf(
+        np.concatenate([nodes, nodes]), np.concatenate([values, values + 1.0]), nodes
+    )
+    np.testing.assert_allclose(found, values + 0.5, atol=1e-9)
+    assert "40 nodes coincide" in notes[0]
+    single, _, _ = interpolate_rbf(nodes[:1], values[:1], nodes)
+    np.testing.assert_array_equal(single, np.tile(values[0], (40, 1)))
+
+
+# --- the whole -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"method": "c"}, "unknown gantry method"),
+        ({"transport": "planes"}, "unknown transport"),
+        ({"azimuths": 1}, "cannot be"),
+        ({"theta_step_deg": 0.0}, "cannot be"),
+        ({"interpolation": "spline"}, "unknown interpolation"),
+    ],
+)
+def test_bad_settings_are_refused(settings, message):
+    measurement = Gantry().measure(Lambert())
+    with pytest.raises(SimrigError, match=message):
+        reconstruct_gantry(measurement, **settings)
+
+
+def test_result_renders_in_single_precision(rng):
+    table = reconstruct_gantry(Gantry().measure(kurt_material("wood01")), "b", **SMALL).reflectance
+    wi, wv = directions(rng)
+    single = evaluate(table, wi, wv, backend.types("float32").Float)
+    np.testing.assert_allclose(single, evaluate(table, wi, wv), rtol=1e-4)
