@@ -26,7 +26,7 @@ from simrig.reflectance.protocol import Reflectance
 _TOLERATED_CHANGE = 0.1  # of an array under optimisation before the sampling is fitted again
 
 
-def _uncollected(method: Callable) -> Callable:
+def uncollected(method: Callable) -> Callable:
     """Keep Python's cyclic garbage collector away while a method is traced.
 
     Dr.Jit lists all BSDFs before it traces the first. A collection in between could free one of
@@ -60,7 +60,7 @@ def define_adapter() -> type:
         glossy | mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.Anisotropic | mi.BSDFFlags.FrontSide
     )
     is_jit = mi.Float is not float
-    guard = _uncollected if is_jit else lambda method: method
+    guard = uncollected if is_jit else lambda method: method
     upsample = Upsampler()
 
     class ReflectanceBSDF(mi.BSDF):
@@ -84,7 +84,7 @@ def define_adapter() -> type:
             self.mixture_host = fitted(reflectance)
             self.mixture = _on_device(self.mixture_host, mi)
             self.fitted_data: Mapping[str, np.ndarray] = reflectance.data()
-            self.rotation = _number(float(rotation_deg), mi)
+            self.rotation = to_number(float(rotation_deg), mi)
             self._turn()
             self.m_components = [all_flags]
             self.m_flags = all_flags
@@ -173,7 +173,7 @@ def define_adapter() -> type:
                 f"  reflectance = {type(self.reflectance).__name__} '{self.reflectance.name}',\n"
                 f"  data = [{data}],\n"
                 f"  reciprocal = {str(self.reflectance.reciprocal).lower()},\n"
-                f"  rotation = {_as_float(self.rotation):g}\n"
+                f"  rotation = {as_float(self.rotation):g}\n"
                 f"]"
             )
 
@@ -233,19 +233,26 @@ def define_adapter() -> type:
                 raise SimrigError(
                     "call update() on the scene parameters after enabling their gradients"
                 )
+            place = self._place(si)
             if is_jit and not self.differentiable:
                 # a branch: packets of lanes that all missed the surface skip the look-up
                 colour = dr.if_stmt(
                     (light, view),
                     active,
-                    lambda light, view: mi.Color3f(
-                        self.reflectance.eval(light, view, self.prepared)
-                    ),
+                    lambda light, view: mi.Color3f(self._look_up(light, view, place)),
                     lambda light, view: mi.Color3f(0.0),
                 )
             else:
-                colour = self.reflectance.eval(light, view, self.prepared)
+                colour = self._look_up(light, view, place)
             return upsample(colour * wo.z, si.wavelengths)
+
+        def _place(self, si: Any) -> Any:
+            """Return where on the material it is seen; a BRDF is the same everywhere."""
+            return None
+
+        def _look_up(self, light: Any, view: Any, place: Any) -> Any:
+            """Return f_r as a colour."""
+            return self.reflectance.eval(light, view, self.prepared)
 
         def _density(self, wi: Any, wo: Any) -> Any:
             return mixture_pdf(self.mixture, dr.detach(wi), dr.detach(wo))
@@ -281,11 +288,13 @@ def _device_copies(reflectance: Reflectance, mi: Any) -> dict[str, Array]:
     return copies
 
 
-def _number(value: float, mi: Any) -> Array:
+def to_number(value: float, mi: Any) -> Array:
+    """Return a number of the current variant that does not become part of kernels."""
     return value if mi.Float is float else dr.opaque(mi.Float, value)
 
 
-def _as_float(value: Array) -> float:
+def as_float(value: Array) -> float:
+    """Return what ``to_number`` made as a plain number."""
     return value if isinstance(value, float) else float(dr.detach(value)[0])
 
 
@@ -294,7 +303,7 @@ def _on_device(mixture: Mixture, mi: Any) -> Mixture:
     names = [field.name for field in fields(Lobe)]
     return Mixture(
         tuple(
-            Lobe(**{name: _number(getattr(lobe, name), mi) for name in names})
+            Lobe(**{name: to_number(getattr(lobe, name), mi) for name in names})
             for lobe in mixture.lobes
         )
     )

@@ -7,8 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from simrig.errors import SimrigError
+from simrig.errors import SimrigError, unknown_name
 from simrig.reflectance.protocol import Reflectance
+from simrig.reflectance.spatial import SpatialReflectance
+
+BTF_NUMBERS = ("scale", "scale_v", "rotation", "pixel_angle", "pixel_width", "unit")
 
 
 def make_bsdf(reflectance: Reflectance, rotation_deg: float = 0.0) -> Any:
@@ -28,6 +31,33 @@ def make_bsdf(reflectance: Reflectance, rotation_deg: float = 0.0) -> Any:
     if mi.variant() is None:
         raise SimrigError("no variant is set: call simrig.backend.select() first")
     return register()(mi.Properties("simrig_reflectance"), reflectance, rotation_deg)
+
+
+def make_btf(reflectance: SpatialReflectance, **options: Any) -> Any:
+    """Return a Mitsuba BSDF of a BTF in memory, for use as a value in scene dictionaries.
+
+    Args:
+        reflectance: what to render.
+        options: numbers of the plugin ``simrig_btf``: ``scale`` (required), ``scale_v``,
+            ``rotation``, ``pixel_angle``, ``pixel_width``, ``unit``.
+
+    Raises:
+        SimrigError: no Mitsuba variant is selected, or an option that cannot be.
+    """
+    import mitsuba as mi
+
+    from simrig.plugins.register import register_btf
+
+    if mi.variant() is None:
+        raise SimrigError("no variant is set: call simrig.backend.select() first")
+    properties = mi.Properties("simrig_btf")
+    for name, value in options.items():
+        properties[name] = value
+    bsdf = register_btf()(properties, reflectance)
+    stray = properties.unqueried()
+    if stray:
+        raise unknown_name("option of simrig_btf", stray[0], BTF_NUMBERS)
+    return bsdf
 
 
 @contextmanager

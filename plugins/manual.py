@@ -7,9 +7,18 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from simrig.plugins.btf import define_btf
+from simrig.plugins.lod import define_lod
 from simrig.plugins.named import PLUGINS
+
+DOCUMENTED: Mapping[str, Callable] = {
+    **PLUGINS,
+    "simrig_btf": define_btf,
+    "simrig_lod": define_lod,
+}
 
 BEGIN = "<!-- begin: made by python -m simrig.plugins.manual docs/plugins.md -->"
 END = "<!-- end -->"
@@ -18,7 +27,7 @@ END = "<!-- end -->"
 def manual() -> str:
     """Return the Markdown of every plugin: what it is, its parameters and an example."""
     sections = []
-    for name, build in PLUGINS.items():
+    for name, build in DOCUMENTED.items():
         text = inspect.cleandoc(build.__doc__ or "")
         sections.append(f"### `{name}`\n\n{text}\n")
     return "\n".join(sections)

@@ -123,8 +123,12 @@ PLUGINS: dict[str, Callable[[Any], Reflectance]] = {
 }
 
 
-def _load(plugin: str, props: Any) -> Reflectance:
-    """Load the file that ``filename`` names, relative to the scene where Mitsuba finds it."""
+def resolved(plugin: str, props: Any) -> Path:
+    """Return the path that ``filename`` names, relative to the scene where Mitsuba finds it.
+
+    Raises:
+        SimrigError: the property is missing, or there is no such file.
+    """
     import mitsuba
 
     if "filename" not in props:
@@ -133,9 +137,14 @@ def _load(plugin: str, props: Any) -> Reflectance:
     path = Path(str(mi.file_resolver().resolve(props["filename"])))
     if not path.is_file():
         raise SimrigError(f"{plugin}: there is no file '{props['filename']}'")
+    return path
+
+
+def _load(plugin: str, props: Any) -> Reflectance:
+    """Load the material in the file that ``filename`` names."""
     from simrig.data.load import load_material
 
-    return load_material(path)
+    return load_material(resolved(plugin, props))
 
 
 @cache

@@ -71,15 +71,43 @@ def gather_packed(source: Array, index: Array, float_type: type, active: Array =
     Args:
         source: UInt64 array as made by ``pack_colours``.
         index: 32-bit indices in range (Dr.Jit does not check).
-        float_type: the float32 type of the result's components.
+        float_type: the float type of the result's components.
     """
+    single: Any = dr.float32_array_t(float_type)
     packed = dr.gather(type(source), source, index, active)
     uint = type(index)
     high, low = uint(packed >> 32), uint(packed)
     blue = (high << (32 - _DROPPED)) | ((low & ((1 << _LOW_BLUE) - 1)) << _DROPPED)
     return vector_type(float_type)(
-        *(dr.reinterpret_array(float_type, word) for word in (high & _KEPT, low & _KEPT, blue))
+        *(dr.reinterpret_array(single, word) for word in (high & _KEPT, low & _KEPT, blue))
     )
+
+
+def unpack_colours(packed: np.ndarray) -> np.ndarray:
+    """Return the colours of packed words: float32 of shape (..., 3)."""
+    high = (packed >> np.uint64(32)).astype(np.uint32)
+    low = packed.astype(np.uint32)  # keeps the lower half
+    blue = (high << np.uint32(32 - _DROPPED)) | (
+        (low & np.uint32((1 << _LOW_BLUE) - 1)) << np.uint32(_DROPPED)
+    )
+    kept = np.uint32(_KEPT)
+    return np.stack([high & kept, low & kept, blue], axis=-1).view(np.float32)
+
+
+def read_packed(source: Array, index: Array, like: Array, active: Array = True) -> Array:
+    """Read packed colour number ``index``, as a colour of the kind of ``like``.
+
+    Args:
+        source: NumPy uint64 for NumPy and plain indices, a UInt64 array for Dr.Jit ones.
+        index: in range (Dr.Jit does not check).
+        like: a vector of the type that is wanted.
+        active: mask of Dr.Jit look-ups.
+    """
+    if is_numpy(index):
+        return unpack_colours(source[index])
+    if isinstance(index, int):
+        return type(like)(*unpack_colours(source[index : index + 1])[0].tolist())
+    return gather_packed(source, index, float_type(like), active)
 
 
 def prepare_table(data: Mapping[str, Array], differentiable: bool) -> Mapping[str, Array]:

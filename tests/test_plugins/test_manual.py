@@ -10,9 +10,11 @@ from types import ModuleType
 import mitsuba as mi
 import pytest
 
+from simrig.data.btf_hdf5 import write_btf
 from simrig.data.load import save_material
-from simrig.plugins.manual import with_manual
+from simrig.plugins.manual import DOCUMENTED, with_manual
 from simrig.plugins.named import PLUGINS
+from simrig.reflectance.btf_synthetic import bumps
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "plugins.md").read_text(encoding="utf-8")
@@ -32,7 +34,10 @@ def test_the_page_holds_the_docstrings():
 def test_the_blocks_of_the_page_run(tools, variant_llvm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_material("slices.h5", tools.slices())
-    save_material("table.h5", tools.small_table())
+    for name in ("table.h5", "leather_brdf.h5"):
+        save_material(name, tools.small_table())
+    for name in ("corduroy.h5", "leather.h5"):
+        write_btf(name, bumps((2, 2)))
     namespace: dict = {}
     seen = set()
     for block in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL):
@@ -42,7 +47,7 @@ def test_the_blocks_of_the_page_run(tools, variant_llvm, tmp_path, monkeypatch):
             assert type(mi.load_dict(properties)).__name__ == properties["type"]
         else:
             exec(block, namespace)
-    assert seen == set(PLUGINS)
+    assert seen == set(DOCUMENTED)
     for block in re.findall(r"```xml\n(.*?)```", PAGE, flags=re.DOTALL):
         bsdf = mi.load_string(block.replace("<bsdf ", '<bsdf version="3.0.0" ', 1))
         assert bsdf.reflectance.m_x == pytest.approx(0.05)
