@@ -1,0 +1,89 @@
+"""BTFs as folders of pictures: the published names, and what the pictures hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from simrig.data.btf_images import PixelValues, find_btf_images, import_btf, write_btf_images
+from simrig.data.images import decode_srgb, write_exr, write_png
+from simrig.directions import scheme
+from simrig.errors import SimrigError
+from simrig.reflectance.btf import BtfStack
+from simrig.reflectance.btf_synthetic import bumps, grid_angles
+
+UTIA = "tv{tv:03d}_pv{pv:03d}/tl{tl:03d}_pl{pl:03d}_tv{tv:03d}_pv{pv:03d}.exr"
+BONN = "tv{tv:03d}_pv{pv:03d}/{n:05d} tl{tl:03d} pl{pl:03d} tv{tv:03d} pv{pv:03d}.jpg"
+
+
+def path_of(folder: Path, pattern: str, number: int, angles: np.ndarray) -> Path:
+    tl, tv, pl, pv = (round(a) for a in np.degrees(angles).tolist())
+    path = folder / pattern.format(n=number, tl=tl, tv=tv, pl=pl, pv=pv)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def test_our_own_pictures_come_back(tmp_path) -> None:
+    whole = bumps((3, 5), (5.0, 3.0))
+    stack = BtfStack(whole.values[::9], whole.angles[::9], whole.size_mm)
+    write_btf_images(tmp_path / "folder", stack)
+    again = import_btf(tmp_path / "folder", tmp_path / "a.h5", stack.size_mm, dtype=np.float32)
+    order = np.lexsort(stack.angles[:, [3, 1, 2, 0]].T)
+    np.testing.assert_allclose(again.angles, stack.angles[order], atol=1e-12)
+    np.testing.assert_array_equal(again.values[()], stack.values[order])
+    with pytest.raises(SimrigError, match="not empty"):
+        write_btf_images(tmp_path / "folder", stack)
+
+
+def test_all_names_of_81_by_81_differ_and_are_understood(tmp_path) -> None:
+    angles = grid_angles(scheme("hemisphere_81"))
+    for pattern in (UTIA, BONN):
+        folder = tmp_path / pattern[-3:]
+        for number in range(0, 6561, 40):
+            path_of(folder, pattern, number, angles[number]).touch()
+        paths, found = find_btf_images(folder)
+        assert len(paths) == len(range(0, 6561, 40))
+        np.testing.assert_allclose(found, angles[::40], atol=1e-12)
+
+
+def test_utia_pictures_are_xyz(tmp_path) -> None:
+    red = np.array([0.4124, 0.2126, 0.0193], dtype=np.float32)
+    for number, angles in enumerate(np.radians([[0.0, 0.0, 0, 0], [60.0, 15.0, 90.0, 0.0]])):
+        path = path_of(tmp_path / "in", UTIA, number, angles)
+        write_exr(path, np.broadcast_to(red * 0.5, (2, 3, 3)))
+    size = (1.0, 1.0)
+    stack = import_btf(tmp_path / "in", tmp_path / "x.h5", size, dtype=np.float32)
+    expected = np.broadcast_to([0.5, 0.0, 0.0], stack.values.shape)
+    np.testing.assert_allclose(stack.values[()], expected, atol=1e-6)
+    options = PixelValues("xyz", factor=1.0 / np.pi, with_cosine=True)
+    stack = import_btf(tmp_path / "in", tmp_path / "y.h5", size, options, dtype=np.float32)
+    np.testing.assert_allclose(stack.values[:, 0, 0, 0], [0.5 / np.pi, 1.0 / np.pi], rtol=1e-4)
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_display_pictures_are_decoded(suffix, tmp_path) -> None:
+    grey = np.full((8, 8, 3), 100, dtype=np.uint8)
+    for number, angles in enumerate(np.radians([[0.0, 0.0, 0, 0], [15.0, 15.0, 60.0, 0.0]])):
+        path = path_of(tmp_path / "in", BONN.replace("jpg", suffix), number, angles)
+        if suffix == "png":
+            write_png(path, grey)
+        else:
+            mi.Bitmap(grey).write(str(path), quality=100)
+    stack = import_btf(tmp_path / "in", tmp_path / "x.h5", (1.0, 1.0), dtype=np.float32)
+    np.testing.assert_allclose(stack.values[()], decode_srgb(np.array(100 / 255)), atol=5e-3)
+
+
+def test_bad_folders_are_refused(tmp_path) -> None:
+    with pytest.raises(SimrigError, match="there is no folder"):
+        find_btf_images(tmp_path / "nowhere")
+    (tmp_path / "picture.exr").touch()
+    with pytest.raises(SimrigError, match="named by its angles"):
+        find_btf_images(tmp_path)
+    for number, size in enumerate((2, 3)):
+        path = path_of(tmp_path, UTIA, number, np.radians([15.0 * number, 0.0, 0.0, 0.0]))
+        write_exr(path, np.ones((size, 2, 3)))
+    with pytest.raises(SimrigError, match=r"tl015_pl000_tv000_pv000\.exr' has 3 × 2 pixels"):
+        import_btf(tmp_path, tmp_path / "x.h5", (1.0, 1.0))
