@@ -73,7 +73,7 @@ def tile_scene(
     tile: Tile,
     width_mm: float | None = None,
     theta_v_deg: float = 25.0,
-    light_deg: tuple[float, float] = (60.0, 135.0),
+    light_deg: tuple[float, float] = (55.0, 135.0),
     sky: float = 0.15,
     resolution: int = 512,
     max_depth: int = 6,
@@ -81,8 +81,8 @@ def tile_scene(
     """Return several periods of a material under oblique light.
 
     An orthographic camera looks from the front (−y), with x to the right. The main light brings
-    a white diffuser that faces it to radiance 1; a second one, 0.3 times as strong, comes from
-    the opposite side (as in thesis section B.2), and a dim sky from everywhere.
+    a white diffuser that faces it to radiance 1. A second one, 0.3 times as strong, stands near
+    the mirror direction of the view and shows the gloss; a dim sky comes from everywhere.
 
     Args:
         tile: the material.
@@ -104,7 +104,7 @@ def tile_scene(
     steepest = min(max(theta_v_deg, light_deg[0]), _STEEPEST_DEG)
     scene: dict[str, Any] = {"type": "scene"}
     scene |= tile_shapes(tile, periods_for(tile, (width, deep), steepest))
-    lights = {"main": (1.0, light_deg), "second": (0.3, (light_deg[0], light_deg[1] + 180.0))}
+    lights = {"main": (1.0, light_deg), "second": (0.3, (theta_v_deg + 15.0, 60.0))}
     for name, (strength, (theta, phi)) in lights.items():
         scene[name] = {
             "type": "directional",

@@ -9,6 +9,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
+from simrig.cli.structures import describe, listing
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -30,13 +31,23 @@ def materials(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Draw the BRDF: azimuths by elevations, as .png or .exr."),
+        typer.Option(help="Draw the BRDF, or the structure in oblique light, as .png or .exr."),
     ] = None,
+    structures: Annotated[
+        bool, typer.Option("--structures", help="List the materials with structure.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
 ) -> frame.Report:
     """List the built-in materials and scenes, or describe one of them or a material file."""
+    from simrig.mesostructure import PRESETS
     from simrig.scenes import SCENES
 
+    if structures and (name is not None or picture is not None):
+        raise SimrigError("--structures lists all of them: leave the name and --picture out")
+    if structures:
+        return listing()
+    if name in PRESETS and not Path(str(name)).exists():
+        return describe(str(name), picture, force)
     is_scene = name in SCENES and not Path(str(name)).exists()
     if picture is not None and (name is None or is_scene):
         raise SimrigError("--picture draws one material: name it")
@@ -95,6 +106,7 @@ def _all() -> frame.Report:
         shown=[
             frame.table(columns, rows),
             frame.table(("scene", "what it shows"), [tuple(s.values()) for s in scenes]),
+            "Materials with structure: 'simrig materials --structures'.",
             "Any material file works as well; 'simrig convert' lists the formats.",
         ],
     )

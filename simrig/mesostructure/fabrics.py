@@ -76,7 +76,7 @@ _MESO = (
         "corduroy_brown",
         "fabric meso",
         "cotton corduroy, rounded wales of cut pile",
-        Pile((0.17, 0.075, 0.028), (10.0, 10.0), 2.5, 1.0),
+        Pile((0.40, 0.185, 0.07), (10.0, 10.0), 2.5, 1.1),
     ),
     Preset(
         "canvas_beige",
@@ -199,7 +199,7 @@ _MESO = (
         "fabric meso",
         "dense even pile of silky fibres",
         Pile(
-            (0.20, 0.008, 0.022),
+            (0.42, 0.012, 0.04),
             (8.0, 8.0),
             None,
             1.1,
@@ -214,16 +214,17 @@ _ROUGH = (
     Preset(
         "carpet_loop_grey", "fabric rough", "tufted office carpet, loop pile in mixed greys",
         Carpet(
-            Yarn((0.20, 0.20, 0.22), 2.3, 2.1, 8, 0.28, _WOOL, 0.06, 0.16, 1.5, 1.0, 0.02),
-            gauge=(4.2, 4.4), height=5.0, tufts=(4, 4), cut=False,
+            Yarn((0.20, 0.20, 0.22), 3.2, 2.9, 9, 0.22, _WOOL, 0.06, 0.16, 1.5, 1.0, 0.02),
+            gauge=(4.2, 4.4), height=4.6, tufts=(4, 4), cut=False,
             colours=((0.20, 0.20, 0.22), (0.13, 0.135, 0.15), (0.30, 0.30, 0.31)),
         ),
     ),
     Preset(
         "carpet_cut_red", "fabric rough", "tufted carpet, cut pile",
         Carpet(
-            Yarn((0.33, 0.035, 0.03), 3.6, 3.6, 8, 0.12, _WOOL, mottle=0.2),
+            Yarn((0.45, 0.04, 0.035), 4.7, 4.7, 8, 0.03, _WOOL, mottle=0.2),
             gauge=(4.6, 4.6), height=8.0, tufts=(4, 4), cut=True,
+            fibres=130,
         ),
     ),
     Preset(

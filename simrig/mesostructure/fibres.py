@@ -14,6 +14,8 @@ from simrig.mesostructure.noise import band_noise, smoothstep
 from simrig.mesostructure.tile import Part
 from simrig.mesostructure.tubes import sweep
 
+_WELD = 0.12  # thickness of a bond, where fibres have melted into a film, over that of the mat
+
 
 @dataclass(frozen=True)
 class Nonwoven:
@@ -62,11 +64,13 @@ class Nonwoven:
     def parts(self, rng: np.random.Generator, resolution: int) -> tuple[Part, ...]:
         """Return the core and the fibres."""
         grid = Grid.of(self.size_mm, resolution)
-        loft = 1.0 + 0.25 * band_noise(grid, self.clump, rng)
-        loft = np.clip(loft, 0.3, 1.8) * (1.0 - 0.93 * self._bonds(grid))
+        loft = 1.0 + 0.18 * band_noise(grid, self.clump, rng)
+        bonds = self._bonds(grid)
+        loft = np.clip(loft, 0.3, 1.8) * (1.0 - 0.93 * bonds)
         mean = np.mean(self.colours, axis=0)
         shade = 0.7 * mean * (1.0 + 0.08 * band_noise(grid, 0.15, rng)[..., None])
-        core = surface(grid, 0.25 * self.thickness * loft, solid(0.8, 0.3), np.clip(shade, 0, 0.95))
+        core_height = self.thickness * np.maximum(0.25 * loft, _WELD * bonds)
+        core = surface(grid, core_height, solid(0.35, 0.5), np.clip(shade, 0.0, 0.95))
         return core, self._fibres(grid, loft, rng, resolution)
 
     def _bonds(self, grid: Grid) -> np.ndarray:
@@ -75,7 +79,7 @@ class Nonwoven:
             return np.zeros(grid.shape)
         u, v = grid.x / self.bond, grid.y / self.bond
         away = [np.abs((u + s) % 1.0 - 0.5) + np.abs((v + s) % 1.0 - 0.5) for s in (0.0, 0.5)]
-        return 1.0 - smoothstep(0.15, 0.27, np.minimum(*away))
+        return 1.0 - smoothstep(0.17, 0.28, np.minimum(*away))
 
     def _fibres(
         self, grid: Grid, loft: np.ndarray, rng: np.random.Generator, resolution: int

@@ -68,9 +68,9 @@ def _grains(
     rng: np.random.Generator,
 ) -> Part:
     """Return one blunt, tilted polyhedron of 20 facets per centre, each facet on its own."""
-    solid = trimesh.creation.icosahedron()
+    body = trimesh.creation.icosahedron()
     count = len(centres)
-    shape = np.asarray(solid.vertices) * rng.uniform(0.72, 1.25, (count, 12, 1))
+    shape = np.asarray(body.vertices) * rng.uniform(0.72, 1.25, (count, 12, 1))
     radii = 0.5 * grain_mm * np.exp(rng.normal(0.0, 0.18, (count, 1, 1)))
     stretch = radii * rng.uniform(0.75, 1.25, (count, 1, 3))
     turn = trimesh.transformations.random_rotation_matrix
@@ -78,7 +78,7 @@ def _grains(
     corners = np.einsum("nij,nkj->nki", turns, shape * stretch)
     lift = grid.sample(bed, *centres.T) + rng.uniform(-0.1, 0.35, count) * grain_mm
     corners += np.column_stack([centres, lift])[:, None, :]
-    vertices = corners[:, solid.faces].reshape(-1, 3)  # unshared: facets stay sharp
+    vertices = corners[:, body.faces].reshape(-1, 3)  # unshared: facets stay sharp
     shade = np.exp(rng.normal(0.0, 0.25, (count, 1, 1))) * colour
     return Part(
         vertices=vertices,

@@ -15,6 +15,8 @@ from simrig.mesostructure.tile import Part
 from simrig.mesostructure.tubes import sweep
 from simrig.mesostructure.yarn import Yarn
 
+_GROUND = 0.68  # share of the height below which a pile is too dense to look into
+
 
 @dataclass(frozen=True)
 class Pile:
@@ -60,8 +62,8 @@ class Pile:
         grid = Grid.of(self.size_mm, resolution)
         relief = self._relief(grid, rng)
         colour = np.asarray(self.colour)
-        shade = (0.55 + 0.45 * relief / relief.max())[..., None] * colour
-        ground = surface(grid, 0.45 * self.height * relief, solid(0.9, 0.1), shade)
+        shade = (0.35 + 0.5 * relief / relief.max())[..., None] * colour
+        ground = surface(grid, _GROUND * self.height * relief, solid(0.9, 0.1), shade)
         return ground, self._fibres(grid, relief, colour, rng)
 
     def _relief(self, grid: Grid, rng: np.random.Generator) -> np.ndarray:
@@ -89,12 +91,12 @@ class Pile:
             direction[..., 0] += 0.9 * (grid.sample(grid.slopes(relief)[0], *roots.T) < 0)[:, None]
             direction[..., 0] *= (1.05 - np.clip(tall, 0.0, 1.0))[:, None]
         direction[..., 2] = 1.0
-        length = self.height * (0.55 + 0.06 * rng.standard_normal((count, 1, 1)))
-        base = np.column_stack([roots, 0.42 * self.height * tall])[:, None, :]
+        length = (1.0 - _GROUND) * self.height * rng.normal(1.0, 0.10, (count, 1, 1))
+        base = np.column_stack([roots, (_GROUND - 0.03) * self.height * tall])[:, None, :]
         bend = np.concatenate([direction[..., :2] * s**1.3, np.repeat(s, count, 0)], axis=-1)
         curves = base + length * tall[:, None, None] ** 0.5 * bend
         radius = self.radius * (1.0 - 0.45 * s[..., 0]) * np.ones((count, 1))
-        shade = np.exp(rng.normal(0.0, 0.12, (count, 1, 1))) * (0.55 + 0.55 * s) * colour
+        shade = np.exp(rng.normal(0.0, 0.12, (count, 1, 1))) * (0.75 + 0.35 * s) * colour
         look = fibre(0.5, 0.6, sheen=0.6) if self.look is None else self.look
         return sweep(curves, radius, 3, look, np.clip(shade, 0.0, 0.95), (0.0, 1.0, 0.0))
 
@@ -146,7 +148,7 @@ class Carpet:
         table = np.asarray(self.colours or (self.yarn.colour,))
         colours = table[rng.integers(0, len(table), len(roots))]
         tufts = (self._brushes if self.cut else self._loops)(roots, colours, rng, resolution)
-        dark = 0.3 * table.mean(axis=0)
+        dark = 0.45 * table.mean(axis=0)
         return tufts, backing(self.size_mm, 0.0, solid(0.9, 0.1), dark)
 
     def _loops(
@@ -156,10 +158,10 @@ class Carpet:
         per_tuft = max(12, round(2.5 * resolution / max(self.tufts)))
         count = len(roots)
         angle = np.linspace(-0.62 * np.pi, 0.62 * np.pi, per_tuft)[None, :]
-        half = 0.36 * self.gauge[1] * rng.uniform(0.9, 1.15, (count, 1))
+        half = 0.34 * self.gauge[1] * rng.uniform(0.9, 1.15, (count, 1))
         top = self.height * rng.uniform(0.9, 1.08, (count, 1)) - 0.5 * self.yarn.thickness
         lean = rng.normal(0.0, 0.12, (count, 2, 1)) * self.gauge[0]
-        rise = np.cos(angle / 0.62 * 0.5) ** 0.8 if False else np.cos(0.8 * angle)
+        rise = np.cos(0.8 * angle)
         curves = np.empty((count, per_tuft, 3))
         z = -0.4 + (top + 0.4) * (rise - rise.min()) / (1.0 - rise.min())
         share = np.clip(z / self.height, 0.0, None) ** 2
@@ -179,7 +181,7 @@ class Carpet:
         turn = rng.uniform(0.0, 2.0 * np.pi, (count, self.fibres))[..., None]
         turn = turn + 2.0 * np.pi * self.yarn.twist * self.height * s
         open_ = 0.5 * self.yarn.width * (0.75 + 0.45 * s**2) * spread
-        lean = rng.normal(0.0, 0.14, (count, 1, 2)) * self.height
+        lean = rng.normal(0.0, 0.045, (count, 1, 2)) * self.height
         tall = self.height * rng.normal(1.0, 0.04, (count, self.fibres, 1))
         tall = tall * rng.normal(1.0, 0.03, (count, 1, 1))
         stray = rng.normal(0.0, 0.05, (count, self.fibres, 2)) * self.height

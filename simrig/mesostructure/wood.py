@@ -45,7 +45,7 @@ class Wood:
         vessels, rays: see ``Spindles``.
         clustering: vessels gather in the early wood, 0 to 1.
         fibre_relief: height of the fibres, mm.
-        roughness, clearcoat: of the finish, see ``simrig.mesostructure.looks.solid``.
+        roughness, specular: of the finish, see ``simrig.mesostructure.looks.solid``.
 
     Raises:
         SimrigError: sizes that are not positive, or no rings.
@@ -60,8 +60,8 @@ class Wood:
     rays: Spindles
     clustering: float = 0.0
     fibre_relief: float = 0.006
-    roughness: float = 0.42
-    clearcoat: float = 0.0
+    roughness: float = 0.38
+    specular: float = 0.25
 
     def __post_init__(self) -> None:
         marks = [v for s in (self.vessels, self.rays) for v in (s.length, s.width, s.per_mm2)]
@@ -89,13 +89,13 @@ class Wood:
         height = self.fibre_relief * band_noise(grid, (0.10, 2.5), rng)
         height += 0.6 * self.fibre_relief * late
         height -= self.vessels.depth * np.sqrt(vessels) + self.rays.depth * rays
-        look = solid(self.roughness, clearcoat=self.clearcoat, anisotropic=0.75)
+        look = solid(self.roughness, self.specular, anisotropic=0.75)
         return (surface(grid, height, look, np.clip(colour, 0.0, 0.95)),)
 
     def _rings(self, grid: Grid, rng: np.random.Generator) -> np.ndarray:
         """Return 0 in early and 1 in late wood: a slow rise and a sudden end."""
         pitch = self.size_mm[0] / self.rings
-        wander = band_noise(grid, (1.5 * pitch, 0.6 * self.size_mm[1]), rng)
+        wander = band_noise(grid, (2.5 * pitch, 0.7 * self.size_mm[1]), rng)
         phase = (grid.x / pitch + self.waviness * wander) % 1.0
         return smoothstep(0.15, 0.85, phase) * (1.0 - smoothstep(0.92, 1.0, phase))
 
