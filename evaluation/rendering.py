@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -19,12 +19,14 @@ from simrig.evaluation.control_samples import ControlSamples, pixel_directions
 from simrig.plugins.make import one_line_errors
 
 __all__ = [
+    "Clock",
     "ControlSamples",
     "RenderResult",
     "display_exposure",
     "load",
     "pixel_directions",
     "render",
+    "timed",
 ]
 
 # Samples at work at once: one pass took about 200 MB in the scenes of this laboratory, and ends,
@@ -123,7 +125,7 @@ def render(
 
     total = np.zeros((height, width, 3))
     done = 0
-    with _timer() as clock:
+    with timed() as clock:
         for pass_spp, pass_seed in zip(passes, seeds, strict=True):
             picture = mi.render(
                 scene,
@@ -194,29 +196,55 @@ def display_exposure(image: np.ndarray, percentile: float = 99.0, level: float =
     return float(level / np.percentile(lit, percentile))
 
 
-class _Clock:
-    compile_seconds = 0.0
-    run_seconds = 0.0
+@dataclass
+class Clock:
+    """Where the time of a block went.
+
+    Attributes:
+        compile_seconds: generating and compiling kernels.
+        run_seconds: everything else.
+        kernel_seconds: of that, kernels at work; the rest is tracing the program and NumPy.
+    """
+
+    compile_seconds: float = 0.0
+    run_seconds: float = 0.0
+    kernel_seconds: float = 0.0
+
+
+_running: list[Clock] = []  # the clocks of the blocks at work, innermost last
 
 
 @contextmanager
-def _timer():
-    """Time a block: kernel compilation (from Dr.Jit's kernel history) and the rest."""
-    clock = _Clock()
-    jit = "scalar" not in str(mi.variant())
+def timed() -> Iterator[Clock]:
+    """Time a block by Dr.Jit's kernel history; an outer block's times include an inner one's."""
+    clock = Clock()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        if jit:
-            dr.kernel_history_clear()
+        _note_kernels()  # what ran before belongs to the outer block
+        _running.append(clock)
         start = time.perf_counter()
-        yield clock
-        wall = time.perf_counter() - start
-        if jit:
-            milliseconds = sum(
-                kernel.get("codegen_time", 0.0) + kernel.get("backend_time", 0.0)
-                for kernel in dr.kernel_history()
-            )
-            clock.compile_seconds = min(milliseconds / 1000.0, wall)
-    clock.run_seconds = wall - clock.compile_seconds
+        try:
+            yield clock
+        finally:
+            wall = time.perf_counter() - start
+            _note_kernels()
+            _running.pop()
+            clock.compile_seconds = min(clock.compile_seconds, wall)
+            clock.run_seconds = wall - clock.compile_seconds
+            if _running:
+                _running[-1].compile_seconds += clock.compile_seconds
+                _running[-1].kernel_seconds += clock.kernel_seconds
+
+
+def _note_kernels() -> None:
+    """Add the kernels since the last call to the innermost clock; forget them without one."""
+    if "scalar" in str(mi.variant()):
+        return
+    for kernel in dr.kernel_history():
+        if _running:
+            clock = _running[-1]
+            compiling = kernel.get("codegen_time", 0.0) + kernel.get("backend_time", 0.0)
+            clock.compile_seconds += compiling / 1000.0
+            clock.kernel_seconds += kernel.get("execution_time", 0.0) / 1000.0
 
 
 def _check_finite(image: np.ndarray) -> None:

@@ -10,6 +10,7 @@ is listed under its own identifier.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -193,8 +194,7 @@ def environment_sphere(
         pixel_centres: see ``sphere``.
     """
     if not isinstance(lights, DirectionalLights):
-        lights = median_cut(builtin_environment(), lights)
-        lights = lights.scaled(lights.white_exposure())
+        lights = _builtin_lights(lights)
     entries, material = share(bsdf, "material")
     scene = {
         "type": "scene",
@@ -212,6 +212,13 @@ def environment_sphere(
             "irradiance": {"type": "rgb", "value": colour},
         }
     return scene
+
+
+@cache
+def _builtin_lights(count: int) -> DirectionalLights:
+    """Return the built-in environment as lights, exposed for a white diffuser."""
+    lights = median_cut(builtin_environment(), count)
+    return lights.scaled(lights.white_exposure())
 
 
 def _sphere_camera(resolution: int, pixel_centres: bool) -> dict:

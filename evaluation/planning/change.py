@@ -57,6 +57,17 @@ class Display:
             return np.mean((_PEAK * step) ** 2, axis=-1)
         return np.abs(before - after).mean(axis=-1)
 
+    def coordinates(self, radiance: np.ndarray) -> np.ndarray:
+        """Return radiance (..., 3) as vectors whose distance is the change of a pixel, or more.
+
+        Those of ``psnr`` are as long as the root of what ``per_pixel`` returns.
+        """
+        if self.tolerance.metric == "dE":
+            return to_lab(self.exposure * radiance)
+        if self.tolerance.metric == "psnr":
+            return _PEAK / np.sqrt(3.0) * encode_srgb(self.exposure * radiance)
+        return radiance / np.sqrt(3.0)
+
     def worst(self, before: np.ndarray, added: np.ndarray) -> np.ndarray:
         """Return the largest change of each pixel when radiance in [0, added] is added.
 
@@ -89,10 +100,18 @@ class Display:
         dark = dark[dark > 0.0]
         count = lit.sum() + np.arange(len(dark) + 1)
         sums = changes[lit].sum() + np.concatenate([[0.0], np.cumsum(dark)])
-        mean = float(np.max(sums / np.maximum(count, 1)))
+        return self.of_mean(float(np.max(sums / np.maximum(count, 1))), before[lit])
+
+    def of_mean(self, mean: float, before: np.ndarray) -> float:
+        """Return the change in the tolerance's unit from the mean of ``per_pixel``.
+
+        Args:
+            mean: over the pixels that are not black.
+            before: (n, 3) radiance of those pixels.
+        """
         if self.tolerance.metric == "psnr":
             return float(np.sqrt(mean))
         if self.tolerance.metric == "relative":
-            bright = float(before[lit].mean()) if lit.any() else 0.0
+            bright = float(before.mean()) if before.size else 0.0
             return mean / bright if bright > 0.0 else (np.inf if mean > 0.0 else 0.0)
         return mean

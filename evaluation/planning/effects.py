@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from simrig.effects import Bound, Effect, Tolerance
 from simrig.evaluation.planning.probe import PIXELS
+from simrig.evaluation.planning.shade import hidden_change
 from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
 
 USUAL_SPP = 16  # for estimates of cost, before the samples per pixel are known
@@ -37,7 +38,9 @@ class Shadowing:
                 why = "one convex body: the cosine says all about its shadow"
             return Bound(0.0, tolerance.unit, why)
         if not subject.survey.only_delta_lights:
-            return None
+            change = hidden_change(subject, tolerance)
+            why = "the light that other bodies' bounding spheres can hide at the looked-at points"
+            return None if change is None else Bound(change, tolerance.unit, why)
         seen = _UNSHADOWED_SAFETY * subject.unshadowed_change(tolerance)
         missed = _RULE_OF_THREE * subject.black_change(tolerance)
         return Bound(
@@ -66,11 +69,8 @@ class InterReflection:
             return None
         if not subject.survey.bodies:
             return Bound(0.0, tolerance.unit, "there is no surface", absent=True)
-        return Bound(
-            subject.indirect_change(tolerance),
-            tolerance.unit,
-            "albedo and solid angle of the other bodies times the radiance that they send",
-        )
+        bounds = subject.indirect_changes(tolerance)
+        return Bound(bounds.values[0], tolerance.unit, bounds.why)
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds of a few more reflections."""
@@ -106,7 +106,7 @@ class EnvironmentLight:
     description: str = "the environment map itself instead of directional lights for it"
 
     def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
-        """Return 0 without a map."""
+        """Return 0 without a map; with one, ``decide_environment`` follows when all else is known."""
         if subject.survey.environment is None:
             return Bound(0.0, tolerance.unit, "the scene has no environment map", absent=True)
         return None
@@ -170,12 +170,12 @@ class AntiAliasing:
             return Bound(0.0, tolerance.unit, why, absent=True)
         change = subject.change(tolerance, 1)
         return Bound(
-            change, tolerance.unit, f"one sample for each of {len(subject.look.body)} pixels"
+            change, tolerance.unit, f"one sample for each of {len(subject.radiance)} pixels"
         )
 
     def cost(self, subject: SampledSubject) -> float:
         """Return the seconds of the usual number of samples."""
-        return subject.look.seconds_per_sample * subject.subject.pixels * (USUAL_SPP - 1)
+        return subject.seconds_per_sample * subject.subject.pixels * (USUAL_SPP - 1)
 
 
 SCENE_EFFECTS: tuple[Effect, ...] = (

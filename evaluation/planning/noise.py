@@ -6,11 +6,14 @@ lights that are sampled, and that of paths.
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 import numpy as np
 
 from simrig.evaluation.planning.change import Display
 
 MOST_SAMPLES = 1 << 14
+_CANDIDATES = [1, *sorted(k << n for k in (2, 3) for n in range(14) if k << n <= MOST_SAMPLES)]
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
 _SAFETY = 1.25
 _TRIALS = 4
@@ -59,17 +62,14 @@ def _shaken(radiance: np.ndarray, spp: int, trial: int) -> tuple[np.ndarray, np.
 def samples_needed(radiance: np.ndarray, display: Display, allowed: float) -> tuple[int, float]:
     """Return the least spp whose expected change is allowed, and that change.
 
-    The candidates are 1, 2, 3, 4, 6, 8, 12, ...; at ``MOST_SAMPLES`` the search ends, whatever
-    the change is then.
+    The candidates are 1, 2, 3, 4, 6, 8, 12, ...; the last is ``MOST_SAMPLES``, whatever the change
+    is then. The change falls with the samples, so they are searched by halves.
     """
-    spp = 1
-    while True:
-        change = sampling_change(radiance, display, spp)
-        if change <= allowed or spp >= MOST_SAMPLES:
-            return spp, change
-        spp = _next(spp)
+    changes: dict[int, float] = {}
 
+    def suffices(spp: int) -> bool:
+        changes[spp] = sampling_change(radiance, display, spp)
+        return changes[spp] <= allowed
 
-def _next(spp: int) -> int:
-    power_of_two = spp & (spp - 1) == 0
-    return max(spp + 1, spp * 3 // 2) if power_of_two else spp * 4 // 3
+    spp = _CANDIDATES[bisect_left(_CANDIDATES[:-1], True, key=suffices)]
+    return spp, changes[spp] if spp in changes else sampling_change(radiance, display, spp)

@@ -8,7 +8,6 @@ beyond the path depth use what remains of it), the other half for the noise of s
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
@@ -17,7 +16,13 @@ from simrig import backend
 from simrig.effects import Decision, Overrides, Plan, Tolerance, decide, parse_tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
+from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.effects import ANTI_ALIASING, EFFECT_NAMES, SCENE_EFFECTS, USUAL_SPP
+from simrig.evaluation.planning.environment import (
+    check_environment,
+    decide_environment,
+    without_map,
+)
 from simrig.evaluation.planning.integrators import (
     DIRECT_DEPTH,
     UNLIMITED,
@@ -57,48 +62,49 @@ def plan_scene(
 
     Returns:
         The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
-        ``max_depth``), ``about`` the exposure and the seconds of planning.
+        ``max_depth``), ``about`` the exposure and the seconds of planning, compilation apart.
 
     Raises:
         SimrigError: a scene that cannot be built, an unknown effect or tolerance, or overrides
             that contradict each other.
     """
-    start = time.perf_counter()
     tolerance = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
     overrides = Overrides(tuple(force), tuple(without), everything)
     overrides.check(EFFECT_NAMES)
     _check_paths(overrides)
     source = scene_source_in(scene, variant)
     first_variant = backend.current()
-    subject = SceneSubject(source, exposure)
+    try:
+        with rendering.timed() as clock:
+            plan = _plan(SceneSubject(source, exposure), tolerance, overrides)
+    finally:
+        backend.select(first_variant)
+    times = {"planning_s": clock.run_seconds, "planning_compile_s": clock.compile_seconds}
+    return replace(plan, about={**plan.about, **times})
+
+
+def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> Plan:
     _check_possible(subject, overrides)
-    allowed = tolerance.times(LEFT_OUT_SHARE)
-    decisions = decide(SCENE_EFFECTS, subject, allowed, _known(overrides, SCENE_EFFECTS))
-    decisions = _with_paths(decisions, overrides)
+    left_out, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
+    decisions = decide(SCENE_EFFECTS, subject, left_out, _known(overrides, SCENE_EFFECTS))
+    decisions = _with_paths(without_map(subject, decisions, overrides), overrides)
     on = {decision.effect: decision.on for decision in decisions}
-    depth = _depth(subject, allowed, decisions, overrides)
-    subject = _in_variant(subject, on["spectral"], exposure)
-    integrator = _integrator(subject, on, depth)
-    sampled = _sampled(subject, integrator)
-    (smoothing,) = decide(
-        (ANTI_ALIASING,),
-        sampled,
-        tolerance.times(1.0 - LEFT_OUT_SHARE),
-        _known(overrides, (ANTI_ALIASING,)),
+    depth = _depth(subject, left_out, decisions, overrides)
+    subject = _in_variant(subject, on["spectral"])
+    decisions, lights = decide_environment(
+        subject, decisions, allowed, tolerance.times(1.0 - LEFT_OUT_SHARE), overrides
     )
-    spp, smoothing = _samples(sampled, smoothing, tolerance.times(1.0 - LEFT_OUT_SHARE))
+    integrator = _integrator(subject, decisions, depth, lights)
+    sampled = _sampled(subject, integrator)
+    (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, _known(overrides, (ANTI_ALIASING,)))
+    spp, smoothing = _samples(sampled, smoothing, noise)
     settings = {
         "integrator": integrator["type"],
         "depth": depth,
         "spp": spp,
         "variant": backend.current(),
     }
-    backend.select(first_variant)
-    about = {
-        "exposure": subject.exposure,
-        "scene": subject.survey.describe(),
-        "planning_s": time.perf_counter() - start,
-    }
+    about = {"exposure": subject.exposure, "scene": subject.survey.describe()}
     costed = tuple(replace(d, cost_s=d.cost_s * spp / USUAL_SPP) for d in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
 
@@ -132,7 +138,15 @@ def planned_integrator(scene: Any, plan: Plan) -> dict[str, Any]:
     kind, depth = plan.settings["integrator"], plan.settings["depth"]
     if kind in ("path", "volpath"):
         return path_integrator(scene, depth, kind == "volpath")
-    return direct_integrator(scene, plan.on("shadowing"), plan.on("bsdf-sampling"))
+    return _direct(
+        scene, plan.on("shadowing"), plan.on("bsdf-sampling"), plan.settings.get("lights")
+    )
+
+
+def _direct(scene: Any, shadows: bool, bsdf_sampling: bool, count: int | None) -> dict[str, Any]:
+    """Return the integrator of direct light, with ``count`` lights in the place of a map."""
+    lights = None if count is None else Environment(scene.environment()).lights(count)
+    return direct_integrator(scene, shadows, bsdf_sampling, lights)
 
 
 def scene_source_in(scene: Any, variant: str) -> Any:
@@ -170,11 +184,7 @@ def _check_paths(overrides: Overrides) -> None:
 
 def _check_possible(subject: SceneSubject, overrides: Overrides) -> None:
     """Refuse what was asked for where it could not be done."""
-    if "environment" in overrides.without and subject.survey.environment is not None:
-        raise SimrigError(
-            "the environment map of a scene cannot be left out: give it directional lights in the "
-            "map's place, as the scene 'environment_sphere' has them"
-        )
+    check_environment(subject, overrides)
     variant = backend.current()
     if "spectral" in overrides.force and "spectral" not in variant and not subject.source.rebuilds:
         raise SimrigError(
@@ -218,34 +228,44 @@ def _depth(
         return UNLIMITED
     if indirect.bound.value == 0.0:
         return DIRECT_DEPTH + 1
-    orders = subject.orders_needed(allowed, max(allowed.amount - used, 0.0))
+    bounds = subject.indirect_changes(allowed)
+    orders = bounds.orders_needed(max(allowed.amount - used, 0.0))
     return UNLIMITED if orders is None else DIRECT_DEPTH + max(orders, 1)
 
 
-def _in_variant(subject: SceneSubject, spectral: bool, exposure: float | None) -> SceneSubject:
+def _in_variant(subject: SceneSubject, spectral: bool) -> SceneSubject:
     """Return the subject in the spectral variant when the plan calls for it."""
     variant = backend.current()
     if spectral == ("spectral" in variant) or not subject.source.rebuilds:
         return subject
-    exposure = subject.exposure if exposure is None else exposure
+    exposure = subject.exposure
     first, second = ("rgb", "spectral") if spectral else ("spectral", "rgb")
     backend.select(variant.replace(first, second))
     return SceneSubject(subject.source, exposure)
 
 
-def _integrator(subject: SceneSubject, on: dict[str, bool], depth: int) -> dict[str, Any]:
+def _integrator(
+    subject: SceneSubject, decisions: tuple[Decision, ...], depth: int, lights: int | None
+) -> dict[str, Any]:
+    on = {decision.effect: decision.on for decision in decisions}
     if on["inter-reflection"]:
         media = subject.survey.unknown == "participating media"
         return path_integrator(subject.scene, depth, media)
-    return direct_integrator(subject.scene, on["shadowing"], on["bsdf-sampling"])
+    return _direct(subject.scene, on["shadowing"], on["bsdf-sampling"], lights)
 
 
 def _sampled(subject: SceneSubject, integrator: dict[str, Any]) -> SampledSubject:
-    """Return the pixels as the integrator samples them; those of direct light are there."""
-    if subject.survey.only_delta_lights and integrator["type"] not in ("path", "volpath"):
-        return SampledSubject(subject, subject.look)
-    samples = PATH_SAMPLES if integrator["type"] != subject.direct["type"] else SAMPLES
-    return SampledSubject(subject, look(subject.scene, integrator, samples))
+    """Return the pixels as the integrator samples them; most have been looked at already."""
+    kind = integrator["type"]
+    if kind == "path":
+        paths = subject.paths
+        radiance = paths.radiance(integrator["max_depth"])
+        return SampledSubject(subject, radiance, paths.seconds_per_sample)
+    seen = subject.look
+    if kind == "volpath" or not subject.survey.only_delta_lights:
+        samples = SAMPLES if kind == "simrig_all_lights" else PATH_SAMPLES
+        seen = look(subject.scene, integrator, samples)
+    return SampledSubject(subject, seen.radiance, seen.seconds_per_sample)
 
 
 def _samples(

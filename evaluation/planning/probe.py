@@ -7,7 +7,6 @@ sampling a pixel costs. No picture is formed.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +14,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from simrig.arrays import aligned
+from simrig.evaluation.rendering import timed
+
 PIXELS = 1024  # looked at, at most
-SAMPLES = 16  # of each; the noise of path tracing takes more
+SAMPLES = 16  # of each; the noise of sampled lights and paths takes more
 PATH_SAMPLES = 64
-_ALIGNMENT = 64
-_SEED = 20_240_607  # plans are reproducible
+SEED = 20_240_607  # plans are reproducible
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,9 @@ class CameraLook:
         radiance: (n, k, 3) linear RGB.
         position, normal: (n, k, 3) of what was hit; the normal faces the camera.
         body: (n, k) index of the shape that was hit, -1 where none was.
-        seconds_per_sample: of running the kernel.
+        seconds_per_sample: of the kernels at work.
+        seconds_per_ray: of that, meeting the scene once.
+        overhead_s: of tracing the program and launching it.
     """
 
     radiance: np.ndarray
@@ -38,6 +41,8 @@ class CameraLook:
     normal: np.ndarray
     body: np.ndarray
     seconds_per_sample: float
+    seconds_per_ray: float
+    overhead_s: float
 
     @property
     def picture(self) -> np.ndarray:
@@ -53,30 +58,47 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
         integrator: a Mitsuba integrator or its dictionary.
         samples: per pixel.
     """
-    width, height = (int(n) for n in scene.sensors()[sensor].film().crop_size())
-    count = min(PIXELS, width * height)
-    rng = np.random.default_rng(_SEED)
-    chosen = _spread(rng, width, height, count)
-    place = (np.repeat(chosen, samples, axis=0) + rng.random((count * samples, 2))) / (
-        width,
-        height,
-    )
+    chosen, size = chosen_pixels(scene, sensor)
+    count = len(chosen)
+    rng = np.random.default_rng(SEED + 4)
+    place = (np.repeat(chosen, samples, axis=0) + rng.random((count * samples, 2))) / size
     aperture = rng.random((count * samples, 2))
     wavelength = rng.random(count * samples)
     ray, weight = scene.sensors()[sensor].sample_ray_differential(
         0.0, on_device(wavelength), _vectors(mi.Point2f, place), _vectors(mi.Point2f, aperture)
     )
     # without differentials a texture is not filtered: its detail counts as spread
-    start = time.perf_counter()
-    radiance = radiance_along(scene, integrator, ray, weight)
-    si = scene.ray_intersect(ray)
-    dr.eval(radiance, si)
-    body = _shape_numbers(scene, si)
+    with timed() as meeting:
+        si = scene.ray_intersect(ray)
+        dr.eval(si)
+        dr.sync_thread()
+    with timed() as clock:
+        radiance = radiance_along(scene, integrator, ray, weight)
+        dr.eval(radiance)
+        dr.sync_thread()
+    body = _shape_numbers(scene, si).reshape(count, samples)
     normal = dr.select(si.wi.z < 0.0, -si.n, si.n)
-    seen, position, facing = (_rows(x).reshape(count, samples, 3) for x in (radiance, si.p, normal))
-    seconds = time.perf_counter() - start
-    body = body.reshape(count, samples)
-    return CameraLook(seen, position, facing, body, seconds / body.size)
+    seen, position, facing = (rows(x).reshape(count, samples, 3) for x in (radiance, si.p, normal))
+    return CameraLook(
+        seen,
+        position,
+        facing,
+        body,
+        clock.kernel_seconds / body.size,
+        meeting.kernel_seconds / body.size,
+        clock.run_seconds - clock.kernel_seconds,
+    )
+
+
+def chosen_pixels(scene: Any, sensor: int = 0) -> tuple[np.ndarray, tuple[int, int]]:
+    """Return which pixels of the picture are looked at: all of them when there are few.
+
+    Returns:
+        (n, 2) columns and rows, and the width and height of the picture.
+    """
+    width, height = (int(n) for n in scene.sensors()[sensor].film().crop_size())
+    count = min(PIXELS, width * height)
+    return _spread(np.random.default_rng(SEED), width, height, count), (width, height)
 
 
 def _spread(rng: np.random.Generator, width: int, height: int, count: int) -> np.ndarray:
@@ -91,9 +113,13 @@ def radiance_along(scene: Any, integrator: Any, ray: Any, weight: Any = 1.0) -> 
     if isinstance(integrator, dict):
         integrator = mi.load_dict(integrator)
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(_SEED, dr.width(ray))
+    sampler.seed(SEED, dr.width(ray))
     value, _, _ = integrator.sample(scene, sampler, ray)
-    value = value * weight
+    return to_rgb(value * weight, ray)
+
+
+def to_rgb(value: Any, ray: Any) -> Any:
+    """Return a spectrum that was found along rays as linear RGB."""
     if mi.is_spectral:
         return mi.spectrum_to_srgb(value, ray.wavelengths)
     return mi.Color3f(value[0], value[0], value[0]) if mi.is_monochromatic else value
@@ -107,11 +133,13 @@ class SurfaceLook:
         body: (m,) the body that was seen.
         albedo: (m, 3) share of light given back towards the direction of view.
         peak: (m, 3) largest f_r · cos θ found, in 1/sr; infinite for delta components.
+        smooth_peak: (m, 3) the same without these.
     """
 
     body: np.ndarray
     albedo: np.ndarray
     peak: np.ndarray
+    smooth_peak: np.ndarray
 
 
 def look_at_surfaces(scene: Any, bodies: list, points: int = 128, samples: int = 64) -> SurfaceLook:
@@ -126,29 +154,33 @@ def look_at_surfaces(scene: Any, bodies: list, points: int = 128, samples: int =
     ray, count = _rays_onto(scene, bodies, points, samples)
     si = scene.ray_intersect(ray)
     valid = si.is_valid()
-    rng = np.random.default_rng(_SEED + 1)
+    rng = np.random.default_rng(SEED + 1)
     total = count * samples
     first, second = on_device(rng.random(total)), _vectors(mi.Point2f, rng.random((total, 2)))
     bsdf = si.bsdf(ray)
     drawn, weight = bsdf.sample(mi.BSDFContext(), si, first, second, valid)
     value = bsdf.eval(mi.BSDFContext(), si, drawn.wo, valid)
     delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
-    value = dr.select(delta, mi.Spectrum(dr.inf), value)
-    dr.eval(weight, value, si.shape)
-    body = _shape_numbers(scene, si).reshape(count, samples)
-    weights = _rows(_colour(weight)).reshape(count, samples, 3)
-    values = _rows(_colour(value)).reshape(count, samples, 3)
-    hit = body[:, 0] >= 0
-    return SurfaceLook(body[hit, 0], weights.mean(axis=1)[hit], values.max(axis=1)[hit])
+    dr.eval(weight, value, delta, si.shape)
+    body = _shape_numbers(scene, si)[::samples]
+    hit = body >= 0
+    weights, values = (
+        rows(three_channels(x)).reshape(count, samples, 3)[hit] for x in (weight, value)
+    )
+    mirrored = np.array(delta).reshape(count, samples, 1)[hit].max(axis=1)
+    peak = values.max(axis=1)
+    infinite = np.where(mirrored, np.inf, peak)
+    return SurfaceLook(body[hit], weights.mean(axis=1), infinite, peak)
 
 
-def _colour(value: Any) -> Any:
+def three_channels(value: Any) -> Any:
+    """Return a spectrum as a colour by its channels, for bounds that hold in each."""
     return mi.Color3f(value[0], value[1 % len(value)], value[2 % len(value)])
 
 
 def _rays_onto(scene: Any, bodies: list, points: int, samples: int) -> tuple[Any, int]:
     """Return rays that end on random points of every body, ``samples`` times each."""
-    rng = np.random.default_rng(_SEED + 2)
+    rng = np.random.default_rng(SEED + 2)
     origins, directions = [], []
     for body, shape in zip(bodies, scene.shapes(), strict=True):
         place, normal = _points_on(shape, rng, points)
@@ -164,7 +196,7 @@ def _rays_onto(scene: Any, bodies: list, points: int, samples: int) -> tuple[Any
 def _points_on(shape: Any, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
     sample = shape.sample_position(0.0, _vectors(mi.Point2f, rng.random((count, 2))))
     # a flat shape gives one normal for all of its points
-    return _rows(sample.p), np.broadcast_to(_rows(sample.n), (count, 3))
+    return rows(sample.p), np.broadcast_to(rows(sample.n), (count, 3))
 
 
 def _around(normal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -186,7 +218,7 @@ def look_between(
     Returns:
         (m,) the body that sends and (m, 3) its radiance.
     """
-    rng = np.random.default_rng(_SEED + 3)
+    rng = np.random.default_rng(SEED + 3)
     spots = np.stack([_points_on(shape, rng, points)[0] for shape in scene.shapes()])
     origins, directions = [], []
     for receiver, sources in enumerate(_sources(bodies)):
@@ -202,7 +234,7 @@ def look_between(
     si = scene.ray_intersect(ray)
     dr.eval(radiance, si.shape)
     body = _shape_numbers(scene, si)
-    return body[body >= 0], _rows(radiance)[body >= 0]
+    return body[body >= 0], rows(radiance)[body >= 0]
 
 
 def _sources(bodies: list) -> list[np.ndarray]:
@@ -225,16 +257,8 @@ def _ray(origin: np.ndarray, direction: np.ndarray) -> Any:
 
 
 def on_device(values: np.ndarray) -> Any:
-    """Return numbers as a Dr.Jit array whose kernels are found in the cache again.
-
-    Dr.Jit works on NumPy's memory where that is, and how it is aligned becomes part of a kernel.
-    """
-    values = np.asarray(values, dtype=np.float32).ravel()
-    room = np.empty(values.nbytes + _ALIGNMENT, dtype=np.uint8)
-    start = -room.ctypes.data % _ALIGNMENT
-    aligned = room[start : start + values.nbytes].view(np.float32)
-    aligned[:] = values
-    return mi.Float(aligned)
+    """Return numbers as a Dr.Jit array."""
+    return mi.Float(aligned(np.asarray(values, dtype=np.float32).ravel()))
 
 
 def _vectors(make: Any, rows: np.ndarray) -> Any:
@@ -250,6 +274,6 @@ def _shape_numbers(scene: Any, si: Any) -> np.ndarray:
     return place[hit]
 
 
-def _rows(vectors: Any) -> np.ndarray:
+def rows(vectors: Any) -> np.ndarray:
     """Return a Dr.Jit 3-vector or colour as a float64 array of shape (n, 3)."""
     return np.array(vectors, dtype=np.float64).reshape(3, -1).T

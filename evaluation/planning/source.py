@@ -63,11 +63,20 @@ def scene_source(scene: Any) -> SceneSource:
     if isinstance(scene, Mapping):
         return _from_dictionary(lambda: dict(scene), dict(scene), rebuilds=not _has_objects(scene))
     if callable(scene):
-        return _from_dictionary(scene, scene(), rebuilds=True)
+        made = scene()
+        return _from_dictionary(_made_once(scene, made), made, rebuilds=True)
     if hasattr(scene, "sensors"):
         return SceneSource(lambda: scene, False, None, False)
     kind = type(scene).__name__
     raise SimrigError(f"a scene is a Mitsuba dictionary, a scene or an XML file, got {kind}")
+
+
+def _made_once(scene: Callable[[], Any], made: Any) -> Callable[[], Any]:
+    """Return a function that builds a scene, except in the variant in which it is made already."""
+    import mitsuba as mi
+
+    variant = mi.variant()
+    return lambda: made if mi.variant() == variant else scene()
 
 
 def _from_dictionary(build: Callable[[], Any], made: Any, rebuilds: bool) -> SceneSource:

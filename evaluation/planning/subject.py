@@ -11,13 +11,21 @@ from simrig.effects import Tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
 from simrig.evaluation.planning.change import Display
-from simrig.evaluation.planning.integrators import direct_integrator
+from simrig.evaluation.planning.indirect import PATHS, PathLook, look_at_paths
+from simrig.evaluation.planning.integrators import direct_integrator, hides_emitters
+from simrig.evaluation.planning.interreflection import IndirectBounds, indirect_bounds
 from simrig.evaluation.planning.noise import samples_needed, sampling_change
 from simrig.evaluation.planning.occlusion import can_shadow
-from simrig.evaluation.planning.probe import SAMPLES, CameraLook, look
+from simrig.evaluation.planning.probe import (
+    SAMPLES,
+    CameraLook,
+    SurfaceLook,
+    look,
+    look_at_surfaces,
+)
 from simrig.evaluation.planning.source import SceneSource
 from simrig.evaluation.planning.survey import Survey
-from simrig.evaluation.planning.transport import MOST_ORDERS, transport
+from simrig.evaluation.planning.transport import transport
 
 
 class SceneSubject:
@@ -37,6 +45,7 @@ class SceneSubject:
             raise SimrigError("the scene has no camera: add a sensor")
         self.survey = Survey(self.scene)
         self._exposure = exposure
+        self._indirect: dict[str, IndirectBounds] = {}
 
     @property
     def pixels(self) -> int:
@@ -71,31 +80,32 @@ class SceneSubject:
         return can_shadow(self.survey)
 
     @cached_property
-    def indirect(self) -> np.ndarray:
+    def paths(self) -> PathLook:
+        """The looked-at pixels, told apart by orders of reflection."""
+        return self.look_at_paths(PATHS)
+
+    def look_at_paths(self, count: int) -> PathLook:
+        """Return the looked-at pixels from about ``count`` paths."""
+        hides = hides_emitters(self.scene)
+        return look_at_paths(self.scene, self.survey.only_delta_lights, hides, count)
+
+    @cached_property
+    def surfaces(self) -> SurfaceLook:
+        """What the bodies do with light."""
+        return look_at_surfaces(self.scene, self.survey.bodies)
+
+    @cached_property
+    def proved_indirect(self) -> np.ndarray:
         """Bound of what the looked-at pixels gain by order, (MOST_ORDERS, n, 3) radiance."""
-        return transport(self.survey, self.direct).seen(self.look, self.survey.bodies)
+        passed_on = transport(self.survey, self.surfaces, self.direct)
+        return passed_on.seen(self.look, self.survey.bodies)
 
-    def indirect_change(self, tolerance: Tolerance, first: int = 0) -> float:
-        """Return the most that leaving out all orders from ``first`` on changes."""
-        display = self.display(tolerance)
-        picture = self.look.picture
-        # the lower orders would only brighten the picture, and so make it less sensitive
-        changes = display.worst(picture, self.indirect[first:].sum(axis=0))
-        return display.total(changes, picture)
-
-    def orders_needed(self, tolerance: Tolerance, allowed: float) -> int | None:
-        """Return after how many indirect orders the rest is allowed to be left out.
-
-        None where even the rest beyond ``MOST_ORDERS`` may change more.
-        """
-        low, high = 0, MOST_ORDERS
-        while low < high:
-            middle = (low + high) // 2
-            if self.indirect_change(tolerance, middle) <= allowed:
-                high = middle
-            else:
-                low = middle + 1
-        return low if low < MOST_ORDERS else None
+    def indirect_changes(self, tolerance: Tolerance) -> IndirectBounds:
+        """Return the most that leaving out the orders from each on changes."""
+        key = str(tolerance)
+        if key not in self._indirect:
+            self._indirect[key] = indirect_bounds(self, tolerance)
+        return self._indirect[key]
 
     def unshadowed_change(self, tolerance: Tolerance) -> float:
         """Return how far the looked-at pixels change when nothing casts a shadow."""
@@ -116,19 +126,23 @@ class SampledSubject:
 
     Attributes:
         subject: the scene.
-        look: its pixels, sampled by the integrator that renders it.
+        radiance: (n, k, 3) samples of n pixels by the integrator that renders it.
+        seconds_per_sample: of that integrator.
     """
 
-    def __init__(self, subject: SceneSubject, looked: CameraLook) -> None:
+    def __init__(
+        self, subject: SceneSubject, radiance: np.ndarray, seconds_per_sample: float
+    ) -> None:
         self.subject = subject
-        self.look = looked
+        self.radiance = radiance
+        self.seconds_per_sample = seconds_per_sample
 
     def change(self, tolerance: Tolerance, spp: int) -> float:
         """Return the expected change of a picture with ``spp`` samples per pixel."""
         if self.subject.source.pixel_centres:
             return 0.0
-        return sampling_change(self.look.radiance, self.subject.display(tolerance), spp)
+        return sampling_change(self.radiance, self.subject.display(tolerance), spp)
 
     def needed(self, tolerance: Tolerance, allowed: float) -> tuple[int, float]:
         """Return the samples per pixel that keep the change within what is allowed."""
-        return samples_needed(self.look.radiance, self.subject.display(tolerance), allowed)
+        return samples_needed(self.radiance, self.subject.display(tolerance), allowed)

@@ -11,7 +11,8 @@ for each pixel, lobes as narrow as they may be. It is 0 for a convex body and it
 is at most a_i.
 
 L_1, the direct radiance that bodies send to each other, is the largest over random pairs of points
-(delta lights) or a_i times the largest radiance of the lights (all others).
+(delta lights) or a_i times the largest radiance of the lights (all others). A lobe so narrow that
+random pairs may not find its highlight counts with its peak under all delta lights.
 """
 
 from __future__ import annotations
@@ -19,10 +20,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from simrig.evaluation.planning.probe import CameraLook, look_at_surfaces, look_between
+from simrig.evaluation.planning.probe import (
+    CameraLook,
+    SurfaceLook,
+    look_between,
+    rows,
+    three_channels,
+)
 from simrig.evaluation.planning.survey import Body, Survey
 
 MOST_ORDERS = 16
@@ -31,6 +39,8 @@ _POINTS_PER_PIXEL = 4  # at which the bound is taken; it varies little within a 
 # what the samples missed.
 _ALBEDO_SAFETY, _PEAK_SAFETY, _RADIANCE_SAFETY = 1.05, 2.0, 2.0
 _NO_LIGHT = 1e-12
+# 1/sr; a lobe of this peak fills about 3/4096 of the hemisphere, which 4096 pairs just find
+_NARROW_PEAK = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,26 +142,46 @@ def _cap(distance: np.ndarray, radius: float | np.ndarray) -> np.ndarray:
     return 2.0 * np.pi * (1.0 - np.sqrt(1.0 - sine**2))
 
 
-def transport(survey: Survey, integrator: Any) -> Transport:
+def transport(survey: Survey, surfaces: SurfaceLook, integrator: Any) -> Transport:
     """Return how the bodies of a scene pass light on.
 
     Args:
         survey: of a scene without what it calls ``unknown``.
+        surfaces: a look at its bodies.
         integrator: of direct light.
     """
     bodies = survey.bodies
-    count = len(bodies)
-    surfaces = look_at_surfaces(survey.scene, bodies)
-    albedo, peak = np.zeros((count, 3)), np.zeros((count, 3))
-    np.maximum.at(albedo, surfaces.body, surfaces.albedo * _ALBEDO_SAFETY)
-    np.maximum.at(peak, surfaces.body, surfaces.peak * _PEAK_SAFETY)
+    albedo = _largest(surfaces.albedo, surfaces, bodies) * _ALBEDO_SAFETY
+    peak = _largest(surfaces.peak, surfaces, bodies) * _PEAK_SAFETY
     if survey.only_delta_lights:
-        sent = np.zeros((count, 3))
+        sent = np.zeros((len(bodies), 3))
         senders, radiance = look_between(survey.scene, bodies, integrator)
         np.maximum.at(sent, senders, radiance * _RADIANCE_SAFETY)
+        sent = np.maximum(sent, narrow_highlights(survey, surfaces))
     else:
         sent = _product(albedo, np.broadcast_to(brightest_light(survey), albedo.shape))
     return Transport(albedo, peak, _coupling(bodies, albedo, peak), sent)
+
+
+def narrow_highlights(survey: Survey, surfaces: SurfaceLook) -> np.ndarray:
+    """Return the radiance of highlights that samples may not find, (b, 3) per body; 0 without any.
+
+    Under delta lights a lobe shows a highlight as narrow as itself; that of its peak is the
+    brightest. Other lights are found by directions drawn from the lobe.
+    """
+    bodies = survey.bodies
+    peak = _largest(surfaces.smooth_peak, surfaces, bodies)
+    narrow = peak.max(axis=1, keepdims=True) > _NARROW_PEAK
+    if not (survey.delta_lights and narrow.any()):
+        return np.zeros_like(peak)
+    return np.where(narrow, _PEAK_SAFETY * peak * _brightest_irradiance(survey), 0.0)
+
+
+def _largest(values: np.ndarray, surfaces: SurfaceLook, bodies: list[Body]) -> np.ndarray:
+    """Return the largest of (m, 3) values per body, (b, 3)."""
+    largest = np.zeros((len(bodies), 3))
+    np.maximum.at(largest, surfaces.body, values)
+    return largest
 
 
 def _coupling(bodies: list[Body], albedo: np.ndarray, peak: np.ndarray) -> np.ndarray:
@@ -164,6 +194,25 @@ def _coupling(bodies: list[Body], albedo: np.ndarray, peak: np.ndarray) -> np.nd
     own = np.array([0.0 if body.convex else 2.0 * np.pi for body in bodies])
     angles[np.diag_indices(len(bodies))] = own
     return _transfer(albedo[:, None], peak[:, None], angles[..., None])
+
+
+def _brightest_irradiance(survey: Survey) -> np.ndarray:
+    """Return what all delta lights send through a surface that faces them, at most, shape (3,).
+
+    Taken at random points of the bodies, with nothing in the way.
+    """
+    rng = np.random.default_rng(2)
+    points = [
+        rows(shape.sample_position(0.0, mi.Point2f(*rng.random((2, 256)))).p)
+        for shape in survey.scene.shapes()
+    ]
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.p = mi.Point3f(*np.concatenate(points).T)
+    total = np.zeros(3)
+    for light in survey.delta_lights:
+        _, weight = light.sample_direction(si, mi.Point2f(0.5))
+        total += np.array([np.max(np.array(channel)) for channel in three_channels(weight)])
+    return total
 
 
 def brightest_light(survey: Survey) -> np.ndarray:
