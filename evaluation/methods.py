@@ -20,6 +20,7 @@ from simrig.cost import Cost
 from simrig.directions.schemes import HemisphereScheme
 from simrig.errors import SimrigError, unknown_name
 from simrig.reconstruction.barycentric import reconstruct_barycentric
+from simrig.reconstruction.rbf import NEIGHBOURS, reconstruct_rbf
 from simrig.reconstruction.regular_grid import reconstruct_regular_grid
 from simrig.reconstruction.slices import reconstruct
 from simrig.reflectance.protocol import Reflectance
@@ -184,6 +185,11 @@ def _regular_grid(measurement: DirectionsMeasurement) -> Any:
     return table, table.values.nbytes, ()
 
 
+def _rbf(neighbours: int | None, logarithms: bool, measurement: DirectionsMeasurement) -> Any:
+    result = reconstruct_rbf(measurement, neighbours, logarithms=logarithms)
+    return result.reflectance, result.reflectance.stored_bytes, result.notes
+
+
 _ALL = (
     Method("slices", "adaptive slices, all kinds (5.3)", partial(_slices, "all"), 55),
     Method(
@@ -196,6 +202,30 @@ _ALL = (
         "barycentric",
         "uniform scheme, barycentric interpolation (5.5.2)",
         partial(_on_scheme, _uniform, _barycentric),
+        435,
+    ),
+    Method(
+        "rbf_global",
+        "uniform scheme, one radial basis function per sample (5.5.2)",
+        partial(_on_scheme, _uniform, partial(_rbf, None, False)),
+        435,
+    ),
+    Method(
+        "rbf_local",
+        "uniform scheme, radial basis functions of the nearest samples",
+        partial(_on_scheme, _uniform, partial(_rbf, NEIGHBOURS, False)),
+        435,
+    ),
+    Method(
+        "rbf_global_log",
+        "as rbf_global, of the logarithms of the values",
+        partial(_on_scheme, _uniform, partial(_rbf, None, True)),
+        435,
+    ),
+    Method(
+        "rbf_local_log",
+        "as rbf_local, of the logarithms of the values",
+        partial(_on_scheme, _uniform, partial(_rbf, NEIGHBOURS, True)),
         435,
     ),
     Method(

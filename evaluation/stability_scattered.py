@@ -16,8 +16,8 @@ from simrig.reflectance.scattered import (
     barycentric_weights,
     spline_monomials,
     spline_system,
-    thin_plate,
 )
+from simrig.reflectance.thin_plate import thin_plate
 
 _COUNT, _QUERIES = 40, 200
 

@@ -265,8 +265,8 @@ def test_barycentric_weights_do_not_extrapolate():
     weights = barycentric_weights(nodes, to_vector(np.full(3, 1.5), np.array([0.0, 0.3, 2.0])))
     assert weights.min() >= 0.0
     assert np.all(weights[:, :7] == 0.0)  # only the outermost ring takes part
-    with pytest.raises(SimrigError, match="in one plane"):
-        barycentric_weights(nodes[7:], nodes)
+    with pytest.raises(SimrigError, match="surround the normal"):
+        barycentric_weights(nodes[7:13], nodes)
 
 
 def write_ubo(path, **changes) -> None:

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import map_coordinates
-from scipy.spatial import ConvexHull
 
 from simrig.directions.half_difference import to_half_difference
 from simrig.directions.spherical import to_angles, to_vector
+from simrig.directions.triangulation import HemisphereTriangulation
 from simrig.errors import SimrigError
 from simrig.reflectance.isotropic import IsotropicTable, bin_directions
+from simrig.reflectance.thin_plate import thin_plate
 
 # Elevation of the half vector below which the interpolation sees no difference, radians: the
 # logarithm of theta_h would otherwise stretch the last tenths of a degree without end
@@ -206,12 +207,6 @@ def spline_system(spline: RBFInterpolator, nodes: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def thin_plate(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the kernel r² log r between points (a, k) and (b, k), shape (a, b)."""
-    squared = np.sum((x[:, None, :] - y[None, :, :]) ** 2, axis=-1)
-    return 0.5 * squared * np.log(np.where(squared > 0.0, squared, 1.0))
-
-
 def spline_monomials(spline: RBFInterpolator, x: np.ndarray) -> np.ndarray:
     """Return the monomials of a spline at points (a, k), shape (a, m)."""
     low, high = spline.y.min(axis=0), spline.y.max(axis=0)
@@ -292,13 +287,11 @@ def _subset(samples: ScatteredSamples, mask: np.ndarray) -> ScatteredSamples:
 def barycentric_weights(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Return the weights that interpolate values at ``nodes`` to ``targets`` on the sphere.
 
-    The nodes are triangulated by the convex hull of their unit vectors; a target takes the
-    barycentric coordinates of the triangle that its ray meets. A target below the outermost
-    nodes takes those of the nearest triangle, without extrapolation. Weights are >= 0 with sum 1
-    and exact where a target is a node.
+    Weights are >= 0 with sum 1 and exact where a target is a node; beyond the outermost nodes
+    they are held (``simrig.directions.triangulation``).
 
     Args:
-        nodes: unit vectors of the upper hemisphere, shape (n, 3), not all on one circle.
+        nodes: unit vectors of the upper hemisphere around the normal, shape (n, 3).
         targets: unit vectors, shape (m, 3).
 
     Returns:
@@ -307,31 +300,9 @@ def barycentric_weights(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
     Raises:
         SimrigError: when the nodes do not span a triangulation.
     """
-    try:
-        triangles = ConvexHull(nodes).simplices
-    except (ValueError, RuntimeError) as error:  # QhullError is a RuntimeError
-        raise SimrigError("the directions are too few or all in one plane") from error
-    corners = nodes[triangles]  # (t, corner, xyz)
-    volume = np.abs(np.linalg.det(corners))
-    # the hull's lid joins the outermost nodes from inside; where it is flat through the origin
-    # it has no volume
-    triangles, corners = triangles[volume > 1e-9], corners[volume > 1e-9]
-    outward = _faces_outward(corners, nodes)
-    triangles, corners = triangles[outward], corners[outward]
-    inverse = np.linalg.inv(corners)  # target = weights @ corners
+    place = HemisphereTriangulation(nodes).locate(targets)
     weights = np.zeros((len(targets), len(nodes)))
-    for index, target in enumerate(targets):
-        candidates = target @ inverse  # (t, 3)
-        best = int(np.argmax(candidates.min(axis=1)))
-        positive = np.maximum(candidates[best], 0.0)
-        positive[positive < 1e-12] = 0.0
-        weights[index, triangles[best]] = positive / positive.sum()
+    rows = np.arange(len(targets))
+    for node, weight in zip(place.nodes, place.weights, strict=True):
+        np.add.at(weights, (rows, node), weight)
     return weights
-
-
-def _faces_outward(corners: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Return which triangles have every node on the origin's side (the lid has none)."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    distance = np.einsum("tc,tc->t", normal, corners[:, 0])
-    heights = normal @ nodes.T * np.sign(distance)[:, None] - np.abs(distance)[:, None]
-    return np.all(heights <= 1e-9, axis=1)

@@ -1,0 +1,136 @@
+"""Reflectance between any directions by radial basis functions in onion-like coordinates.
+
+A pair of directions is a point (alpha_i, beta_i, alpha_v, beta_v) (``simrig.directions.onion``):
+no seam in azimuth, and highlights along beta_i = 0. The coordinates turn the steeper direction,
+which is close to the normal, into the frame of the other. So their one singularity, a view along
+the normal, is met where both directions are the normal only, and each half of the pairs,
+theta_i <= theta_v and theta_i >= theta_v, has a spline of its own, the same one for a reciprocal
+material. Across theta_i = theta_v the two are blended, so the result is continuous and, with one
+spline, reciprocal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from simrig.arrays import Array, float_type, is_numpy, where_colour
+from simrig.directions.onion import to_onion
+from simrig.directions.spherical import to_angles
+from simrig.errors import SimrigError
+from simrig.reflectance.protocol import Reflectance, above_horizon
+from simrig.reflectance.scattered import limit_elevation
+
+BAND = float(np.radians(2.0))  # the halves are blended where |theta_v - theta_i| is below
+
+Told = Callable[[int], None]
+
+
+class Spline(Protocol):
+    """Something that interpolates three channels over points of four coordinates."""
+
+    @property
+    def stored_bytes(self) -> int:
+        """Size of what it keeps, in bytes."""
+
+    def __call__(
+        self, points: np.ndarray, float_type: type | None = None, told: Told | None = None
+    ) -> np.ndarray:
+        """Return (p, 3) at points (p, 4); ``told`` hears how many are done."""
+
+
+class RbfReflectance(Reflectance):
+    """An interpolation by radial basis functions; values never leave the samples' range.
+
+    It evaluates host arrays and Dr.Jit arrays outside of kernels: what it sums over thousands of
+    nodes is too slow for a renderer. ``simrig.reflectance.resample.resample_dense`` makes the
+    table that renders.
+
+    Args:
+        steep_light, steep_view: the splines for theta_i <= theta_v and theta_i >= theta_v; one
+            and the same for a reciprocal material.
+        low, high: range of the samples per channel, in 1/sr, each (3,).
+        floor: if given, per channel, the splines interpolate log(f_r + floor).
+        theta_max: largest elevation of the samples, in radians; beyond it the value is held.
+        name: what reports call it.
+
+    Attributes:
+        told: if set, called with the directions done and in total while arrays are evaluated.
+    """
+
+    def __init__(
+        self,
+        steep_light: Spline,
+        steep_view: Spline,
+        low: np.ndarray,
+        high: np.ndarray,
+        floor: np.ndarray | None,
+        theta_max: float,
+        name: str,
+    ):
+        self.splines = (steep_light, steep_view)
+        self.low, self.high, self.floor = low, high, floor
+        self.theta_max, self.name = theta_max, name
+        self.reciprocal = steep_light is steep_view
+        self.told: Callable[[int, int], None] | None = None
+
+    @property
+    def stored_bytes(self) -> int:
+        """Size of the nodes and weights, in bytes."""
+        return sum(spline.stored_bytes for spline in set(self.splines))
+
+    def data(self) -> Mapping[str, np.ndarray]:
+        return {}
+
+    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
+        active = above_horizon(wi, wv)
+        if is_numpy(wi):
+            wi, wv = np.broadcast_arrays(wi, wv)
+            flat = self._at(wi.reshape(-1, 3), wv.reshape(-1, 3), None)
+            return where_colour(active, flat.reshape(wi.shape))
+        try:
+            host = [np.array(w, dtype=np.float64).reshape(3, -1).T for w in (wi, wv)]
+        except (RuntimeError, TypeError) as error:  # inside a kernel there are no numbers yet
+            raise SimrigError(
+                f"'{self.name}' is too slow to render: tabulate it first (resample_dense, or "
+                "'simrig reconstruct')"
+            ) from error
+        kind = float_type(wi)
+        value = self._at(host[0], host[1], None if kind is float else kind)
+        if kind is float:
+            return where_colour(active, type(wi)(*value[0].tolist()))
+        return where_colour(active, type(wi)(*(kind(channel) for channel in value.T.copy())))
+
+    def _at(self, wi: np.ndarray, wv: np.ndarray, kind: type | None) -> np.ndarray:
+        """Return f_r for host directions (n, 3); the splines are summed in ``kind``."""
+        known = np.isfinite(wi).all(axis=1) & np.isfinite(wv).all(axis=1)
+        wi, wv = (np.where(known[:, None], w, (0.0, 0.0, 1.0)) for w in (wi, wv))
+        wi, wv = (limit_elevation(w, self.theta_max) for w in (wi, wv))
+        ahead = 0.5 + 0.5 * (to_angles(wv)[0] - to_angles(wi)[0]) / BAND
+        share = np.clip(ahead, 0.0, 1.0)
+        value = np.zeros(wi.shape)
+        parts = [(wi, wv, share), (wv, wi, 1.0 - share)]
+        total = sum(int(np.count_nonzero(weight)) for *_, weight in parts)
+        done = 0
+        for spline, (steep, flat, weight) in zip(self.splines, parts, strict=True):
+            used = weight > 0.0
+            points = np.stack(to_onion(steep[used], flat[used]), axis=-1)
+            found = self._limited(spline(points, kind, self._teller(done, total)))
+            value[used] += weight[used, None] * found
+            done += len(points)
+        return np.where(known[:, None], value, 0.0)
+
+    def _teller(self, before: int, total: int) -> Told | None:
+        told = self.told
+        return None if told is None else lambda done: told(before + done, total)
+
+    def _limited(self, found: np.ndarray) -> np.ndarray:
+        """Return f_r from what a spline gives, within the samples' range."""
+        found = np.nan_to_num(found, posinf=np.inf, neginf=-np.inf)
+        if self.floor is None:
+            return np.clip(found, self.low, self.high)
+        low, high = np.log(self.low + self.floor), np.log(self.high + self.floor)
+        values = np.exp(np.clip(found, low, high)) - self.floor
+        return np.clip(values, self.low, self.high)
