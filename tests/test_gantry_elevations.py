@@ -13,7 +13,6 @@ from simrig.directions import to_vector
 from simrig.errors import SimrigError
 from simrig.reconstruction.gantry import METHODS, reconstruct_gantry
 from simrig.reconstruction.gantry_elevations import fill_elevations, interval_weights
-from simrig.reconstruction.gantry_rbf import interpolate_rbf, system_condition
 from simrig.reconstruction.transport import displacement, transport_subspaces
 from simrig.reflectance import Lambert, evaluate, kurt_material
 from simrig.reflectance.dense import DenseTable
@@ -228,46 +227,17 @@ def test_missing_transport_library_is_named(monkeypatch):
         reconstruct_gantry(Gantry().measure(Lambert()), "bd", **SMALL)
 
 
-# --- radial basis functions ----------------------------------------------------------------------
-
-
-def test_rbf_meets_its_nodes_and_says_its_condition(rng):
-    nodes, values = rng.random((50, 4)), rng.random((50, 3))
-    found, condition, notes = interpolate_rbf(nodes, values, nodes)
-    np.testing.assert_allclose(found, values, atol=1e-9)
-    assert condition > 1.0
-    assert any("condition" in note for note in notes)
-
-
-def test_condition_is_that_of_numpy(rng):
-    nodes = rng.random((30, 4))
-    matrix = np.ones((31, 31))
-    matrix[:30, :30] = -np.linalg.norm(nodes[:, None] - nodes[None], axis=-1)
-    matrix[30, 30] = 0.0
-    assert system_condition(nodes) == pytest.approx(np.linalg.cond(matrix, 1), rel=0.3)
-
-
-def test_near_singular_rbf_is_smoothed_and_says_so(rng):
-    nodes, values = rng.random((40, 4)), rng.random((40, 3))
-    twins = np.concatenate([nodes, nodes + 2e-9])
-    found, condition, notes = interpolate_rbf(twins, np.concatenate([values, 1.0 - values]), nodes)
-    assert condition > 1e8
-    assert any("near-singular" in note for note in notes)
-    assert np.all(np.abs(found) < 2.0)
-
-
-def test_rbf_merges_duplicates(rng):
-    nodes, values = rng.random((40, 4)), rng.random((40, 3))
-    found, _, notes = interpolate_rbf(
-        np.concatenate([nodes, nodes]), np.concatenate([values, values + 1.0]), nodes
-    )
-    np.testing.assert_allclose(found, values + 0.5, atol=1e-9)
-    assert "40 nodes coincide" in notes[0]
-    single, _, _ = interpolate_rbf(nodes[:1], values[:1], nodes)
-    np.testing.assert_array_equal(single, np.tile(values[0], (40, 1)))
-
-
 # --- the whole -----------------------------------------------------------------------------------
+
+
+def test_method_a_says_its_condition_and_stays_within_what_was_measured():
+    measurement = Gantry().measure(kurt_material("yellow_satin"))
+    result = reconstruct_gantry(measurement, "a", **SMALL)
+    assert any("condition" in note for note in result.notes)
+    assert any("logarithms" in note for note in result.notes)
+    low, high = measurement.values.min(axis=0), measurement.values.max(axis=0)
+    assert np.all(result.reflectance.values >= 0.999 * low)
+    assert np.all(result.reflectance.values <= 1.001 * high)
 
 
 @pytest.mark.parametrize(

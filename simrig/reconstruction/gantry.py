@@ -1,9 +1,12 @@
 """From the slices of a gantry to a whole reflectance (thesis section 6.1).
 
 First the subspaces of the measured elevations (``gantry_subspace``), then everything between and
-below them: method A by radial basis functions (kept within the range of what was measured), B
-linearly along the course of a Lafortune model, BD by displacement interpolation. The result is a
-table with the order illumination, view: what was not reciprocal stays so.
+below them: method A by radial basis functions in the onion-like angles, B linearly along the
+course of a Lafortune model, BD by displacement interpolation. The result is a table with the order
+illumination, view: what was not reciprocal stays so.
+
+Method A interpolates logarithms: towards the normal the trend of a highlight between two
+elevations goes on below zero in the values themselves, and errs far more.
 """
 
 from __future__ import annotations
@@ -13,17 +16,20 @@ from typing import Protocol
 
 import numpy as np
 
+from simrig import backend
 from simrig.errors import SimrigError, unknown_name
 from simrig.reconstruction.gantry_elevations import Blend, fill_elevations, linear
-from simrig.reconstruction.gantry_rbf import direction_grid, interpolate_rbf
 from simrig.reconstruction.gantry_subspace import default_combination, subspaces
+from simrig.reconstruction.rbf import NEIGHBOURS, reconstruct_rbf
 from simrig.reconstruction.transport import transport_library, transport_rows, transport_subspaces
 from simrig.reflectance.dense import DenseTable
+from simrig.reflectance.resample import resample_dense
 from simrig.sampling.gantry import GantryPlan
 
 METHODS = ("a", "b", "bd")
 TRANSPORTS: dict[str, Blend] = {"rows": transport_rows, "subspaces": transport_subspaces}
 _RBF_AZIMUTHS = 24  # of the nodes of method A: 15°, the thesis's
+_MOST_GLOBAL_NODES = 6000  # of one system: three elevations
 
 
 class GantrySamples(Protocol):
@@ -112,6 +118,18 @@ def _elevations(highest: float, largest_step_deg: float) -> np.ndarray:
     return np.arange(intervals + 1) * (highest / intervals)
 
 
+@dataclass(frozen=True)
+class _Nodes:
+    """Reconstructed subspaces as samples at direction pairs, for radial basis functions."""
+
+    theta_i: np.ndarray
+    theta_v: np.ndarray
+    phi_i: np.ndarray
+    phi_v: np.ndarray
+    values: np.ndarray
+    material: str
+
+
 def _by_rbf(
     measurement: GantrySamples, wanted: np.ndarray, azimuths: int, settings: tuple[str, str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -119,10 +137,18 @@ def _by_rbf(
     plan = measurement.plan
     count = min(azimuths, _RBF_AZIMUTHS)
     measured = subspaces(plan, measurement.values, count, *settings)
-    nodes = direction_grid(np.array(plan.elevations), count).reshape(-1, 4)
-    queries = direction_grid(wanted, azimuths)
-    known = measured.reshape(-1, 3)
-    values, _, notes = interpolate_rbf(nodes, known, queries.reshape(-1, 4))
-    # towards low elevations the trend of a highlight would go on below zero
-    values = np.clip(values, known.min(axis=0), known.max(axis=0))
-    return values.reshape(*queries.shape[:-1], 3), notes
+    phi = np.arange(count) * (2.0 * np.pi / count)
+    theta = np.array(plan.elevations)
+    angles = (grid.ravel() for grid in np.meshgrid(theta, theta, phi, phi, indexing="ij"))
+    nodes = _Nodes(*angles, measured.reshape(-1, 3), measurement.material)
+    local = len(nodes.values) > _MOST_GLOBAL_NODES
+    neighbours = NEIGHBOURS if local else None
+    result = reconstruct_rbf(nodes, neighbours, reciprocal=False, logarithms=True)
+    notes = ("splines of logarithms", *result.notes)
+    if local:
+        notes += (f"from {NEIGHBOURS} neighbours each",)
+    types = backend.types("float64")
+    table = resample_dense(
+        result.reflectance, wanted[1], azimuths, wanted[-1], np.float64, types.Float
+    )
+    return table.values, notes

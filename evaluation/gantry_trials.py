@@ -1,0 +1,108 @@
+"""One trial of a gantry: measure, rebuild, and compare pictures of all subspaces.
+
+Errors are those of the thesis's figures: ΔE, RMSE, PSNR and SSIM of the picture in which all
+azimuthal subspaces stand side by side (Figure 6.13). The thesis does not say how its pictures are
+exposed; here 98 % of the truth's pixels are below white.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simrig.evaluation import metrics
+from simrig.evaluation.brdf_picture import automatic_exposure, brdf_picture
+from simrig.reconstruction.gantry import reconstruct_gantry
+from simrig.reflectance.protocol import Reflectance
+from simrig.rigs.gantry import Gantry
+from simrig.rigs.timing import GANTRY_TIMING, GantryTiming
+from simrig.sampling.gantry import GantryPlan
+
+ERRORS: dict[str, str] = {
+    "delta_e": "CIE ΔE",
+    "rmse": "RMSE",
+    "psnr": "PSNR in dB",
+    "ssim": "SSIM",
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The picture over which errors are taken.
+
+    Attributes:
+        elevations_deg: of the tiles.
+        azimuth_step_deg: size of a pixel.
+    """
+
+    elevations_deg: tuple[float, ...]
+    azimuth_step_deg: float
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any]) -> Picture:
+        """Return the picture of a study's configuration."""
+        return cls(tuple(config["elevations_deg"]), float(config["azimuth_step_deg"]))
+
+    def errors(self, truth: Reflectance, result: Reflectance) -> dict[str, float]:
+        """Return the ``ERRORS`` of a result."""
+        reference, image = (
+            brdf_picture(one, self.elevations_deg, self.azimuth_step_deg) for one in (truth, result)
+        )
+        exposure = automatic_exposure(reference)
+        error = metrics.mse(reference, image, exposure=exposure)
+        similarity = metrics.ssim_map(reference, image, exposure)
+        everywhere = np.ones(reference.shape[:2], dtype=bool)
+        return {
+            "delta_e": float(metrics.delta_e_map(reference, image, exposure).mean()),
+            "rmse": error**0.5,
+            "psnr": metrics.psnr_from_mse(error),
+            "ssim": metrics.ssim_mean(similarity, everywhere),
+        }
+
+
+def gantry_trial(
+    truth: Reflectance,
+    plan: GantryPlan,
+    picture: Picture,
+    *,
+    timing: GantryTiming = GANTRY_TIMING,
+    **reconstruction: Any,
+) -> dict[str, Any]:
+    """Return errors and cost of one plan and method as a row.
+
+    Args:
+        truth: the material.
+        plan: what is measured.
+        picture: where errors are taken.
+        timing: of the hardware.
+        reconstruction: arguments of ``reconstruct_gantry``.
+    """
+    measurement = Gantry(timing).measure(truth, plan)
+    start = time.perf_counter()
+    result = reconstruct_gantry(measurement, **reconstruction)
+    seconds = time.perf_counter() - start
+    return {
+        **picture.errors(truth, result.reflectance),
+        "samples": plan.samples,
+        "hardware_minutes": measurement.cost.hardware_seconds / 60.0,
+        "reconstruction_seconds": seconds,
+        "bytes": int(result.reflectance.values.nbytes),
+        "notes": "; ".join(result.notes),
+    }
+
+
+def mean_errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return the means of the ``ERRORS`` over rows."""
+    return {name: float(np.mean([row[name] for row in rows])) for name in ERRORS}
+
+
+def error_text(errors: Mapping[str, float]) -> str:
+    """Return errors as the thesis writes them: ΔE / RMSE / PSNR / SSIM."""
+    return (
+        f"{errors['delta_e']:.1f} / {errors['rmse']:.1f} / {errors['psnr']:.1f} / "
+        f"{errors['ssim']:.2f}"
+    )
