@@ -199,8 +199,10 @@ def _left_out(pictures: Pictures, decision: Decision) -> Row:
     if along:
         base = pictures.planned(everything=True, without=along)
         note = f"both without {', '.join(along)}"
-    bound = None if decision.bound is None else decision.bound.value
-    return _compare(pictures, (decision.effect, LEFT_OUT, decision.on, bound), base, without, note)
+    # that of the picture without it: how many lights stand for a map differs between plans
+    (bound,) = (d.bound for d in without.effects if d.effect == decision.effect)
+    most = None if bound is None else bound.value
+    return _compare(pictures, (decision.effect, LEFT_OUT, decision.on, most), base, without, note)
 
 
 def _added(pictures: Pictures, decision: Decision, forced: Plan) -> Row:

@@ -7,6 +7,7 @@ from simrig.plugins.all_lights import define_all_lights
 from simrig.plugins.btf import define_btf
 from simrig.plugins.lod import define_lod
 from simrig.plugins.named import PLUGINS
+from simrig.plugins.unshadowed import define_unshadowed
 
 _ADAPTERS: dict[str, type] = {}
 _BTFS: dict[str, type] = {}
@@ -30,6 +31,7 @@ def register() -> type:
         mi.register_bsdf("simrig_btf", _BTFS[variant])
         mi.register_bsdf("simrig_lod", define_lod())
         mi.register_integrator("simrig_all_lights", define_all_lights())
+        mi.register_integrator("simrig_unshadowed", define_unshadowed())
         _ADAPTERS[variant] = adapter
     return _ADAPTERS[variant]
 

@@ -224,7 +224,9 @@ def test_what_cannot_be_judged_is_said_and_kept_on() -> None:
     assert (glass.settings["integrator"], glass.settings["depth"]) == ("path", -1)
     assert glass.on("inter-reflection")
     assert glass.on("environment")
-    assert "cannot be bounded" in next(d.why for d in glass.effects if d.effect == "environment")
+    why = {decision.effect: decision.why for decision in glass.effects}
+    assert "cannot be bounded" in why["inter-reflection"]
+    assert why["environment"] == "comes with inter-reflection"
     fog = {"type": "homogeneous", "albedo": 0.8, "sigma_t": 1.0}
     cloud = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog}
     assert plan_scene(simple(s=cloud, e=POINT), "dE=1").settings["integrator"] == "volpath"
@@ -265,8 +267,9 @@ def test_overrides_that_contradict_each_other_are_refused() -> None:
 
 
 def test_what_cannot_be_done_is_refused() -> None:
-    lit = simple(s={"type": "sphere"}, e={"type": "constant"})
-    with pytest.raises(SimrigError, match="map of a scene cannot be left out"):
+    area = {"type": "rectangle", "emitter": {"type": "area", "radiance": 3.0}}
+    lit = simple(s={"type": "sphere", "center": [0, 0, -3]}, e={"type": "constant"}, light=area)
+    with pytest.raises(SimrigError, match="map of this scene cannot be left out"):
         plan_scene(lit, "dE=1", without=["environment"])
     with pytest.raises(SimrigError, match="give a function that builds it"):
         plan_scene(named("sphere", "wood01"), "dE=1", force=["spectral"])

@@ -106,13 +106,15 @@ class EnvironmentLight:
     description: str = "the environment map itself instead of directional lights for it"
 
     def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
-        """Return 0 without a map; with one, ``decide_environment`` follows when all else is known."""
+        """Return 0 without a map; with one, ``decide_environment`` has the last word."""
         if subject.survey.environment is None:
             return Bound(0.0, tolerance.unit, "the scene has no environment map", absent=True)
         return None
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds of sampling the map."""
+        if subject.survey.environment is None:
+            return 0.0
         return _BOUNCE * _direct_seconds(subject)
 
 

@@ -20,9 +20,14 @@ def can_shadow(survey: Survey) -> bool:
     and the light. It is covered by spheres along its axis, widened by what lies between them, so
     a False is certain. A convex body hides from itself only what the cosine hides anyway.
     """
-    bodies = survey.bodies
     if not survey.only_delta_lights:
         return not survey.one_convex_body
+    return can_hide_points(survey)
+
+
+def can_hide_points(survey: Survey) -> bool:
+    """Return whether a body may hide a delta light from itself or from another body."""
+    bodies = survey.bodies
     if any(not body.convex or body.transmits for body in bodies):
         return True
     if len(bodies) ** 2 * len(survey.delta_lights) * _STEPS > _MOST_TESTS:

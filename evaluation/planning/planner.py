@@ -19,6 +19,7 @@ from simrig.evaluation import rendering
 from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.effects import ANTI_ALIASING, EFFECT_NAMES, SCENE_EFFECTS, USUAL_SPP
 from simrig.evaluation.planning.environment import (
+    ENVIRONMENT,
     check_environment,
     decide_environment,
     without_map,
@@ -91,9 +92,7 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
     on = {decision.effect: decision.on for decision in decisions}
     depth = _depth(subject, left_out, decisions, overrides)
     subject = _in_variant(subject, on["spectral"])
-    decisions, lights = decide_environment(
-        subject, decisions, allowed, tolerance.times(1.0 - LEFT_OUT_SHARE), overrides
-    )
+    decisions, lights = decide_environment(subject, decisions, left_out, noise, overrides)
     integrator = _integrator(subject, decisions, depth, lights)
     sampled = _sampled(subject, integrator)
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, _known(overrides, (ANTI_ALIASING,)))
@@ -104,9 +103,18 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
         "spp": spp,
         "variant": backend.current(),
     }
+    if lights is not None:
+        settings["lights"] = lights
     about = {"exposure": subject.exposure, "scene": subject.survey.describe()}
-    costed = tuple(replace(d, cost_s=d.cost_s * spp / USUAL_SPP) for d in decisions)
+    costed = tuple(_costed(decision, spp) for decision in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
+
+
+def _costed(decision: Decision, spp: int) -> Decision:
+    """Return a decision whose cost is that of the planned samples."""
+    if decision.effect == ENVIRONMENT and decision.bound is not None:
+        return decision  # compared with lights at the samples that each needs
+    return replace(decision, cost_s=decision.cost_s * spp / USUAL_SPP)
 
 
 def planned_render(

@@ -222,20 +222,22 @@ def brightest_light(survey: Survey) -> np.ndarray:
     """
     if survey.delta_lights:
         return np.full(3, np.inf)
+    brightest = [brightest_of(emitter) for emitter in survey.emitters]
+    return np.max([np.zeros(3), *brightest], axis=0)
+
+
+def brightest_of(emitter: Any) -> np.ndarray:
+    """Return the largest radiance of an area or environment light, shape (3,)."""
+    if emitter.is_environment() and "data" in (found := mi.traverse(emitter)):
+        image = np.array(found["data"], dtype=np.float64)[..., :3]
+        scale = float(np.max(np.array(found["scale"]))) if "scale" in found else 1.0
+        return image.reshape(-1, 3).max(axis=0) * scale
     rng = np.random.default_rng(1)
-    brightest = np.zeros(3)
-    for emitter in survey.emitters:
-        if emitter.is_environment() and "data" in (found := mi.traverse(emitter)):
-            image = np.array(found["data"], dtype=np.float64)[..., :3]
-            scale = float(np.max(np.array(found["scale"]))) if "scale" in found else 1.0
-            brightest = np.maximum(brightest, image.reshape(-1, 3).max(axis=0) * scale)
-            continue
-        si = mi.SurfaceInteraction3f()
-        si.uv = mi.Point2f(*rng.random((2, 4096)))
-        z = rng.random(4096)
-        side = np.sqrt(1.0 - z**2)
-        turn = 2.0 * np.pi * rng.random(4096)
-        si.wi = mi.Vector3f(*np.stack([side * np.cos(turn), side * np.sin(turn), z]))
-        value = np.array(emitter.eval(si), dtype=np.float64).reshape(3, -1)
-        brightest = np.maximum(brightest, value.max(axis=1))
-    return brightest
+    si = mi.SurfaceInteraction3f()
+    si.uv = mi.Point2f(*rng.random((2, 4096)))
+    z = rng.random(4096)
+    side = np.sqrt(1.0 - z**2)
+    turn = 2.0 * np.pi * rng.random(4096)
+    si.wi = mi.Vector3f(*np.stack([side * np.cos(turn), side * np.sin(turn), z]))
+    value = np.array(emitter.eval(si), dtype=np.float64).reshape(3, -1)
+    return value.max(axis=1)

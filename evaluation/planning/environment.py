@@ -1,0 +1,298 @@
+"""What changes when N directional lights stand for the environment map of a scene.
+
+Both are looked at along the same camera rays, in direct light: the map by sampling it and the BSDF
+with low-discrepancy numbers, the lights as their exact sum. The looked-at pixels fall into two
+halves of independent rays. With d what a pixel differs by and n half of what its halves differ by,
+the mean of |d|² − |n|² is free of noise, and its root is at least the mean of |d|; the mean of
+|d| itself is too large by the noise. The bound is the smaller of the two, each with three standard
+errors over the pixels. It is measured, not proved: highlights that none of the looked-at pixels
+has are missed.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from simrig.effects import Bound, Decision, Overrides, Tolerance
+from simrig.errors import SimrigError
+from simrig.evaluation.planning.change import Display
+from simrig.evaluation.planning.directional import Environment
+from simrig.evaluation.planning.integrators import direct_integrator
+from simrig.evaluation.planning.noise import samples_needed
+from simrig.evaluation.planning.probe import SEED, chosen_pixels, on_device, rows, to_rgb
+from simrig.evaluation.planning.subject import SceneSubject
+from simrig.evaluation.rendering import timed
+
+ENVIRONMENT, BSDF_SAMPLING = "environment", "bsdf-sampling"
+# Paths pick one light per reflection, which is noise when there are hundreds; spectra of lights
+# made from RGB are not those of the map.
+NEED_THE_MAP = ("inter-reflection", "spectral")
+
+COUNTS = (16, 32, 64, 128, 256, 512, 1024)  # of lights, from which a plan chooses
+_PLACES = 4  # in each pixel
+_DRAWN = 64  # directions of the map and of the BSDF at each place: a power of 4, as ldsampler asks
+_CERTAIN = 3.0  # standard errors
+_RUNS = 3
+_WORTH = 0.5  # of the map's time: what lights may take, estimates of time being rough
+
+
+class MapAndLights:
+    """The looked-at pixels of a scene under its map and under directional lights for it.
+
+    Attributes:
+        scene: a loaded scene with an environment map, in a variant that is not spectral.
+        shadows: whether lights are tested for being hidden.
+        environment: the map's radiance.
+        map: (n, places, 3) radiance under the map.
+        seconds_per_sample: of the map, kernels only.
+    """
+
+    def __init__(self, scene: Any, shadows: bool) -> None:
+        self.scene = scene
+        self.shadows = shadows
+        self.environment = Environment(scene.environment())
+        self._ray, self._weight = _camera_rays(scene)
+        integrator = direct_integrator(scene, shadows)
+        self.map, self.seconds_per_sample = self._look(integrator, _DRAWN)
+        self._lights: dict[int, np.ndarray] = {}
+
+    def lights(self, count: int) -> np.ndarray:
+        """Return (n, places, 3) radiance under ``count`` lights."""
+        if count not in self._lights:
+            self._lights[count] = self._look(self._integrator(count), 1)[0]
+        return self._lights[count]
+
+    def seconds(self, count: int) -> float:
+        """Return the seconds of a sample under ``count`` lights: short runs, so the best counts."""
+        integrator = self._integrator(count)
+        return min(self._look(integrator, 1)[1] for _ in range(_RUNS))
+
+    def _integrator(self, count: int) -> dict[str, Any]:
+        return direct_integrator(self.scene, self.shadows, lights=self.environment.lights(count))
+
+    def change(self, display: Display, count: int) -> float:
+        """Return the most that ``count`` lights change, in the unit of the display's tolerance."""
+        under = self.lights(count)
+        lit = (self.map > 0.0).any(axis=(1, 2)) | (under > 0.0).any(axis=(1, 2))
+        if not lit.any():
+            return 0.0
+        place, brightness = display.coordinates, float(self.map[lit].mean())
+        apart = [
+            place(half(self.map[lit])) - place(half(under[lit]))
+            for half in (_all_places, _first_places, _last_places)
+        ]
+        lengths = np.linalg.norm(apart[0], axis=-1)
+        squares = lengths**2 - (((apart[1] - apart[2]) / 2.0) ** 2).sum(axis=-1)
+        root_mean_square = np.sqrt(max(_upper(squares), 0.0))
+        if display.tolerance.metric == "psnr":
+            return float(root_mean_square)
+        most = min(float(root_mean_square), _upper(lengths))
+        return most / brightness if display.tolerance.metric == "relative" else most
+
+    def _look(self, integrator: dict[str, Any], drawn: int) -> tuple[np.ndarray, float]:
+        """Return radiance (n, places, 3), from ``drawn`` samples each, and seconds per sample."""
+        total = dr.width(self._ray) * drawn
+        index = dr.arange(mi.UInt32, total) // dr.opaque(mi.UInt32, drawn)
+        ray = dr.gather(type(self._ray), self._ray, index)
+        weight = dr.gather(type(self._weight), self._weight, index)
+        sampler = mi.load_dict({"type": "ldsampler", "sample_count": max(drawn, 4)})
+        sampler.set_samples_per_wavefront(drawn)
+        sampler.seed(SEED, total)
+        made = mi.load_dict(integrator)
+        with timed() as clock:
+            value, _, _ = made.sample(self.scene, sampler, ray)
+            radiance = to_rgb(value * weight, ray)
+            dr.eval(radiance)
+            dr.sync_thread()
+        means = rows(radiance).reshape(-1, _PLACES, drawn, 3).mean(axis=2)
+        return means, clock.kernel_seconds / total
+
+
+def _camera_rays(scene: Any) -> tuple[Any, Any]:
+    chosen, size = chosen_pixels(scene)
+    count = len(chosen) * _PLACES
+    rng = np.random.default_rng(SEED + 5)
+    place = (np.repeat(chosen, _PLACES, axis=0) + rng.random((count, 2))) / size
+    aperture = rng.random((count, 2))
+    ray, weight = scene.sensors()[0].sample_ray_differential(
+        0.0,
+        on_device(rng.random(count)),
+        mi.Point2f(*(on_device(column) for column in place.T)),
+        mi.Point2f(*(on_device(column) for column in aperture.T)),
+    )
+    weight = mi.Spectrum(weight) + dr.zeros(mi.Spectrum, count)
+    dr.eval(ray, weight)
+    return ray, weight
+
+
+def _all_places(radiance: np.ndarray) -> np.ndarray:
+    return radiance.mean(axis=1)
+
+
+def _first_places(radiance: np.ndarray) -> np.ndarray:
+    return radiance[:, : _PLACES // 2].mean(axis=1)
+
+
+def _last_places(radiance: np.ndarray) -> np.ndarray:
+    return radiance[:, _PLACES // 2 :].mean(axis=1)
+
+
+def _upper(values: np.ndarray) -> float:
+    """Return the mean over pixels, three standard errors up."""
+    spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.inf
+    return float(values.mean() + _CERTAIN * spread)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How many lights stand for a map.
+
+    Attributes:
+        count: of lights.
+        change: the most that they change, in the unit of the tolerance.
+        seconds: of rendering with them.
+        map_seconds: of rendering the map, as free of noise.
+    """
+
+    count: int
+    change: float
+    seconds: float
+    map_seconds: float
+
+
+def choose_lights(
+    subject: SceneSubject, allowed: Tolerance, noise: Tolerance, room: float, shadows: bool
+) -> Choice:
+    """Return the fewest lights whose change fits, the most lights when none does.
+
+    Args:
+        subject: a scene with an environment map.
+        allowed: whose unit the change is in.
+        noise: what sampling may change, for the estimates of time.
+        room: what the lights may change.
+        shadows: whether lights are tested for being hidden.
+    """
+    looked = MapAndLights(subject.scene, shadows)
+    display = subject.display(allowed)
+    place = bisect_left(COUNTS[:-1], True, key=lambda n: looked.change(display, n) <= room)
+    count = COUNTS[place]
+    seconds = [
+        per_sample * samples_needed(seen, display, noise.amount)[0] * subject.pixels
+        for per_sample, seen in (
+            (looked.seconds(count), looked.lights(count)),
+            (looked.seconds_per_sample, subject.look.radiance),
+        )
+    ]
+    return Choice(count, looked.change(display, count), *seconds)
+
+
+def decide_environment(
+    subject: SceneSubject,
+    decisions: tuple[Decision, ...],
+    allowed: Tolerance,
+    noise: Tolerance,
+    overrides: Overrides,
+) -> tuple[tuple[Decision, ...], int | None]:
+    """Decide about the map of a scene, once everything else is decided.
+
+    The lights get what the other effects leave of the tolerance, and are as few as fit into it.
+    They also have to take at most half of the map's time.
+
+    Args:
+        subject: the scene.
+        decisions: about all its effects.
+        allowed: what everything that is left out may change.
+        noise: what sampling may change.
+        overrides: what the user decided.
+
+    Returns:
+        The decisions, and the number of lights when they stand for the map.
+    """
+    on = {decision.effect: decision.on for decision in decisions}
+    if subject.survey.environment is None:
+        return decisions, None
+    why = _kept_by(subject, on)
+    if why:
+        return _replaced(decisions, on=True, why=why), None
+    others = (d for d in decisions if d.effect != ENVIRONMENT and not d.on and d.bound is not None)
+    room = max(allowed.amount - sum(d.bound.value for d in others), 0.0)
+    choice = choose_lights(subject, allowed, noise, room, on["shadowing"])
+    fits = choice.change <= room
+    why = (
+        f"{choice.count} lights change {choice.change:.3g}, {'within' if fits else 'above'} the "
+        f"share {room:.3g}; they take {choice.seconds:.2g} s, the map {choice.map_seconds:.2g} s"
+    )
+    asked = overrides.of(ENVIRONMENT)
+    kept, why = asked or (not fits or choice.seconds > _WORTH * choice.map_seconds, why)
+    bound = Bound(choice.change, allowed.unit, f"measured with {choice.count} directional lights")
+    cost = choice.map_seconds - choice.seconds
+    decisions = _replaced(decisions, on=kept, why=why, bound=bound, cost_s=cost)
+    if kept:
+        return decisions, None
+    if overrides.of(BSDF_SAMPLING) is None:
+        only = Bound(0.0, allowed.unit, "directional lights in the map's place: sampling is exact")
+        decisions = _replaced(decisions, BSDF_SAMPLING, on=False, bound=only, why=only.explanation)
+    return decisions, choice.count
+
+
+def check_environment(subject: SceneSubject, overrides: Overrides) -> None:
+    """Refuse to leave a map out where lights cannot stand for it.
+
+    Raises:
+        SimrigError: it is to be left out, and something else stands in the way or is forced that
+            needs it.
+    """
+    if ENVIRONMENT not in overrides.without or subject.survey.environment is None:
+        return
+    for needing in NEED_THE_MAP:
+        if needing in overrides.force:
+            raise SimrigError(
+                f"{needing} cannot be simulated without {ENVIRONMENT}: leave out both or none"
+            )
+    why = obstacle(subject)
+    if why:
+        raise SimrigError(f"the environment map of this scene cannot be left out: {why}")
+
+
+def without_map(
+    subject: SceneSubject, decisions: tuple[Decision, ...], overrides: Overrides
+) -> tuple[Decision, ...]:
+    """Return the decisions without what needs a map that is left out by request."""
+    if ENVIRONMENT in overrides.without and subject.survey.environment is not None:
+        for needing in NEED_THE_MAP:
+            if any(d.effect == needing and d.on for d in decisions):
+                why = f"cannot be simulated without {ENVIRONMENT}"
+                decisions = _replaced(decisions, needing, on=False, why=why)
+    return decisions
+
+
+def _kept_by(subject: SceneSubject, on: dict[str, bool]) -> str:
+    """Return why a map has to stay, empty where it need not."""
+    for needing in NEED_THE_MAP:
+        if on[needing]:
+            return f"comes with {needing}"
+    return obstacle(subject)
+
+
+def obstacle(subject: SceneSubject) -> str:
+    """Return what keeps directional lights from standing for a scene's map; empty for nothing."""
+    survey = subject.survey
+    if mi.is_spectral or mi.is_polarized or not dr.is_jit_v(mi.Float):
+        return f"directional lights are RGB; the variant is '{mi.variant()}'"
+    if len(survey.delta_lights) + 1 < len(survey.emitters):
+        return "the lights beside the map have to be sampled, so the map is sampled with them"
+    if survey.unknown == "participating media":
+        return "participating media need paths"
+    return ""
+
+
+def _replaced(
+    decisions: tuple[Decision, ...], name: str = ENVIRONMENT, **changes: Any
+) -> tuple[Decision, ...]:
+    return tuple(replace(d, **changes) if d.effect == name else d for d in decisions)
