@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter
 
 from simrig import backend
 from simrig.directions.spherical import to_vector
@@ -26,10 +25,16 @@ from simrig.evaluation.angular_grid import (
     dense_values,
     grid_sums,
 )
+from simrig.evaluation.strata import (
+    MOST_SECTORS,
+    Strata,
+    StratifiedMeans,
+    allocate,
+    stratified_means,
+)
 from simrig.reflectance.protocol import Reflectance, evaluate
 
 _PILOT_SHARE = 0.15  # of the samples; more costs what it gains (tried on the Kurt materials)
-_MOST_SECTORS = 8  # likewise; beyond, the samples per stratum get too few to share out well
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,16 @@ def relative_error(sums: GridSums) -> RelativeError:
     return _result(relative, counted, 0.0, sums.directions, excluded, True)
 
 
+def estimated_error(means: StratifiedMeans, directions: int) -> RelativeError:
+    """Return the estimate that the means of a stratified sample give.
+
+    Raises:
+        SimrigError: when the truth is zero everywhere.
+    """
+    spread = means.standard_error
+    return _result(means.relative, means.counted, spread, directions, means.excluded, False)
+
+
 def _result(
     relative: np.ndarray,
     counted: np.ndarray,
@@ -112,45 +127,6 @@ def _result(
         excluded,
         exact,
     )
-
-
-@dataclass(frozen=True)
-class _Strata:
-    """The grid divided into strata: elevation pairs times sectors of phi_v − phi_i.
-
-    Highlights run along the diagonals of an azimuthal subspace, so a sector of the azimuth
-    difference separates them where rectangles would cut across. The first sector is centred on
-    the mirror direction.
-    """
-
-    grid: AngularGrid
-    sectors: int
-
-    @property
-    def edges(self) -> np.ndarray:
-        """First index of each sector, and the end."""
-        return np.arange(self.sectors + 1) * self.grid.azimuths // self.sectors
-
-    @property
-    def weights(self) -> np.ndarray:
-        """Share of the grid's directions that each stratum holds; adds up to 1."""
-        pairs = self.grid.elevations**2
-        return np.tile(np.diff(self.edges), pairs) / (pairs * self.grid.azimuths)
-
-    def draw(self, rng: np.random.Generator, counts: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Draw directions with replacement, ``counts`` of each stratum.
-
-        Returns:
-            The stratum and the indices of theta_i, theta_v, phi_i, phi_v of each direction.
-        """
-        stratum = np.repeat(np.arange(len(counts)), counts)
-        pair, sector = np.divmod(stratum, self.sectors)
-        edges, widths = self.edges, np.diff(self.edges)
-        azimuths = self.grid.azimuths
-        phi_i = rng.integers(0, azimuths, len(stratum))
-        difference = edges[sector] + (rng.random(len(stratum)) * widths[sector]).astype(np.int64)
-        phi_v = (phi_i + difference + (azimuths - widths[0]) // 2) % azimuths
-        return stratum, *np.divmod(pair, self.grid.elevations), phi_i, phi_v
 
 
 def mre_estimate(
@@ -189,8 +165,8 @@ def mre_estimate(
     least = 4 * grid.elevations**2
     if samples < least:
         raise SimrigError(f"an estimate on this grid needs at least {least} samples, got {samples}")
-    sectors = min(max(1, samples // (10 * grid.elevations**2)), _MOST_SECTORS, grid.azimuths)
-    strata = _Strata(grid, sectors)
+    sectors = min(max(1, samples // (10 * grid.elevations**2)), MOST_SECTORS, grid.azimuths)
+    strata = Strata(grid, sectors)
     rng = np.random.default_rng(seed)
     count = len(strata.weights)
     pilot = np.full(count, max(2, int(_PILOT_SHARE * samples / count)))
@@ -198,7 +174,7 @@ def mre_estimate(
     spent = int(pilot.sum())
     wanted = samples - spent
     while True:
-        counts = _allocate(strata, spread, wanted)
+        counts = allocate(strata, spread, wanted)
         result, spread = _stratified(truth, approximation, strata, rng, counts)
         spent += int(counts.sum())
         target = (relative_standard_error or np.inf) * result.percent
@@ -209,42 +185,18 @@ def mre_estimate(
             return mre_exact(truth, approximation, step_deg=step_deg, theta_max_deg=theta_max_deg)
 
 
-def _allocate(strata: _Strata, spread: np.ndarray, wanted: int) -> np.ndarray:
-    """Return the number of samples per stratum: two, and the rest by weight times spread.
-
-    The spread of a stratum comes from few samples that may all have missed a highlight, so it is
-    averaged with the neighbouring elevations and with the other sectors of its pair.
-    """
-    n = strata.grid.elevations
-    variance = uniform_filter(spread.reshape(n, n, -1) ** 2, size=(3, 3, 1), mode="nearest")
-    deviation = np.sqrt(np.maximum(variance, 0.0))
-    overall = np.sqrt(np.mean(deviation**2, axis=2, keepdims=True))
-    share = strata.weights * (0.5 * (deviation + overall)).ravel()
-    share = share / share.sum() if share.sum() > 0.0 else strata.weights
-    return 2 + np.floor(share * max(0, wanted - 2 * len(share))).astype(np.int64)
-
-
 def _stratified(
     truth: Reflectance,
     approximation: Reflectance | np.ndarray,
-    strata: _Strata,
+    strata: Strata,
     rng: np.random.Generator,
     counts: np.ndarray,
 ) -> tuple[RelativeError, np.ndarray]:
     """Sample the strata; return the estimate and the standard deviation within each stratum."""
     stratum, *indices = strata.draw(rng, counts)
     relative, counted = _errors_at(truth, approximation, strata.grid, *indices)
-    share = (strata.weights / counts)[stratum]  # what one sample stands for
-    mean_relative, mean_counted = share @ relative, share @ counted
-    ratio = mean_relative.sum() / max(mean_counted.sum(), 1e-300)
-    residual = relative.sum(axis=1) - ratio * counted.sum(axis=1)
-    first = np.bincount(stratum, residual, len(counts)) / counts
-    second = np.bincount(stratum, (residual - first[stratum]) ** 2, len(counts))
-    variance = second / (counts - 1)
-    error = np.sqrt(np.sum(strata.weights**2 * variance / counts)) / max(mean_counted.sum(), 1e-300)
-    excluded = int(counted.size - counted.sum())
-    result = _result(mean_relative, mean_counted, float(error), len(stratum), excluded, False)
-    return result, np.sqrt(variance)
+    means = stratified_means(strata, counts, stratum, relative, counted)
+    return estimated_error(means, len(stratum)), means.spread
 
 
 def _errors_at(
@@ -265,6 +217,15 @@ def _errors_at(
         g = evaluate(approximation, wi, wv, float_type)
     else:
         g = dense_values(approximation, grid)[theta_i, theta_v, phi_i, phi_v].astype(np.float64)
+    return relative_differences(f, g)
+
+
+def relative_differences(f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return |f − g| / f, zero where f is, and whether f > 0 as 1 or 0.
+
+    Raises:
+        SimrigError: for values that are not finite.
+    """
     if not (np.isfinite(f).all() and np.isfinite(g).all()):
         raise SimrigError("the reflectances cannot be compared: some values are NaN or infinite")
     lit = f > 0.0

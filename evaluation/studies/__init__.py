@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
-from simrig.evaluation.studies import plan_validation, table_5_3
+from simrig.evaluation.studies import (
+    gantry_elevations,
+    gantry_methods,
+    gantry_slices,
+    isotropic_measured,
+    placement,
+    plan_validation,
+    table_5_3,
+)
 from simrig.evaluation.studies.base import Study
 
 STUDIES: dict[str, Study] = {
-    study.name: study for study in (table_5_3.STUDY, plan_validation.STUDY)
+    study.name: study
+    for study in (
+        table_5_3.STUDY,
+        placement.STUDY,
+        gantry_elevations.STUDY,
+        gantry_slices.STUDY,
+        gantry_methods.STUDY,
+        isotropic_measured.STUDY,
+        plan_validation.STUDY,
+    )
 }

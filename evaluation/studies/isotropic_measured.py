@@ -1,0 +1,156 @@
+"""Section 6.3.1: measured isotropic materials from the 84 samples of four diagonal slices.
+
+The thesis tests 55 materials of the MERL database, resampled to 81 × 81 directions, and prints the
+mean errors only. MERL may not be redistributed and is not here. The same test runs on what else
+was measured: files of the RGL (EPFL) and Cornell collections in a folder beside the repository.
+A file that is absent gives a row that says so; other materials cannot give the same means.
+
+Source: thesis section 6.3.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig.data.load import load_material
+from simrig.evaluation.gantry_trials import ERRORS, Picture, error_text, gantry_trial, mean_errors
+from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
+from simrig.evaluation.studies.base import Cell, Config, Row, Study
+from simrig.sampling.gantry import GantryPlan
+
+PUBLISHED = {"delta_e": 9.1, "rmse": 15.7, "psnr": 24.9}  # means over 55 MERL materials
+FILES = (
+    *(
+        f"rgl/{name}_rgb.bsdf"
+        for name in (
+            "aurora_white",
+            "cc_green_malachite",
+            "cc_iris_purple_gem",
+            "cc_nothern_aurora",
+            "chm_light_blue",
+            "chm_orange",
+            "cm_military_green",
+            "irid_flake_paint1",
+            "vch_golden_yellow",
+        )
+    ),
+    *(f"cornell/{name}.brdf" for name in ("acryl_blue", "cayman", "krylon_blue")),
+)
+_COMMON = {
+    "folder": "../shared/data",
+    "elevations_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
+    "azimuth_step_deg": 15.0,
+}
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {
+        **_COMMON,
+        "files": [FILES[0], FILES[6]],
+        "methods": ["b"],
+        "table": {"theta_step_deg": 15.0, "azimuths": 24},
+    },
+    "full": {
+        **_COMMON,
+        "files": list(FILES),
+        "methods": ["a", "b", "bd"],
+        "table": {"theta_step_deg": 7.5, "azimuths": 48},
+    },
+}
+
+
+def cells(config: Config) -> list[dict[str, Any]]:
+    """Return one cell per file and method."""
+    return [
+        {"file": name, "method": method} for name in config["files"] for method in config["methods"]
+    ]
+
+
+def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
+    """Measure and rebuild one material; a row with ``present`` false where there is no file."""
+    path = Path(config["folder"]) / cell["file"]
+    if not path.is_file():
+        return [{"present": False, "notes": f"no file '{path}'"}]
+    truth, plan = load_material(path), GantryPlan(axial=0)
+    row = gantry_trial(truth, plan, Picture.of(config), method=cell["method"], **config["table"])
+    return [{"present": True, **row}]
+
+
+def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the errors of every file and their means, beside the published ones."""
+    present = [dict(row) for row in rows if row["present"]]
+    means = {}
+    for method in config["methods"] if present else ():
+        own = [row for row in present if row["method"] == method]
+        seconds = float(np.mean([row["reconstruction_seconds"] for row in own]))
+        means[method] = {**mean_errors(own), "reconstruction_seconds": seconds}
+    return {
+        "published": PUBLISHED,
+        "means": means,
+        "rows": present,
+        "absent": list(dict.fromkeys(row["file"] for row in rows if not row["present"])),
+        "folder": config["folder"],
+    }
+
+
+def table(summary: Mapping[str, Any]) -> Any:
+    """Return the summary as a table for the terminal."""
+    from rich.console import Group
+    from rich.table import Table
+
+    methods = list(summary["means"])
+    shown = Table(title=f"84 samples: {' / '.join(ERRORS.values())}")
+    shown.add_column("material")
+    for method in methods:
+        shown.add_column(method.upper(), justify="right")
+    for name in dict.fromkeys(row["file"] for row in summary["rows"]):
+        own = {row["method"]: row for row in summary["rows"] if row["file"] == name}
+        shown.add_row(name, *(error_text(own[method]) for method in methods))
+    shown.add_section()
+    shown.add_row("mean", *(error_text(summary["means"][method]) for method in methods))
+    published = " / ".join(f"{value:g}" for value in summary["published"].values())
+    lines = [f"published, mean over 55 other materials (MERL): {published}"]
+    if summary["absent"]:
+        lines.append(f"not in '{summary['folder']}': {', '.join(summary['absent'])}")
+    return Group(shown, *lines)
+
+
+def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Draw the PSNR of every material and method over the published mean."""
+    if not summary["rows"]:
+        return []
+    figure = new_figure(7.6, 4.2)
+    panel = figure.subplots()
+    names = list(dict.fromkeys(row["file"] for row in summary["rows"]))
+    for number, method in enumerate(summary["means"]):
+        own = {row["file"]: row["psnr"] for row in summary["rows"] if row["method"] == method}
+        values = [own[name] for name in names]
+        panel.plot(
+            values,
+            range(len(names)),
+            "os^"[number % 3],
+            color=COLOURS[number],
+            label=f"method {method.upper()}",
+        )
+    panel.axvline(summary["published"]["psnr"], color="0.6", linestyle="--", label="MERL, mean")
+    panel.set_yticks(range(len(names)), [Path(name).stem for name in names])
+    panel.set_xlabel("PSNR [dB]  (higher is better)")
+    panel.legend(frameon=False)
+    finish_figure(figure, folder / "isotropic.png")
+    return [folder / "isotropic.png"]
+
+
+STUDY = Study(
+    name="isotropic-measured",
+    about="Section 6.3.1: measured isotropic materials from 84 gantry samples.",
+    source="thesis section 6.3.1",
+    presets=PRESETS,
+    cells=cells,
+    run_cell=run_cell,
+    summarise=summarise,
+    table=table,
+    plots=plots,
+)
