@@ -4,7 +4,14 @@ import time
 
 import pytest
 
-from simrig.evaluation.benchmarks import BENCHMARKS, plugins, reconstruct, sampling, storage
+from simrig.evaluation.benchmarks import (
+    BENCHMARKS,
+    planned,
+    plugins,
+    reconstruct,
+    sampling,
+    storage,
+)
 from simrig.evaluation.benchmarks.timing import side_by_side
 
 
@@ -57,3 +64,14 @@ def test_plugin_benchmark_renders_every_material():
         if same:
             assert row["delta_e"] < 6.0
     assert plugins.table(results)
+
+
+def test_planned_renders_are_those_written_by_hand():
+    """The same picture but for noise, from one integrator call for each; no time is judged."""
+    results = planned.run(resolution=48, rounds=2, variant="llvm_ad_rgb")
+    assert len(results["rows"]) == len(planned.BY_HAND) * len(planned.MATERIALS)
+    for row in results["rows"]:
+        assert row["delta_e"] < 1.0
+        assert row["planned_seconds"] > 0.0 < row["minimal_seconds"]
+        assert row["integrator"] == "simrig_all_lights"
+    assert planned.table(results)
