@@ -36,7 +36,9 @@ _HEADROOM = 1 << 16
 # Where the class of each kind of reflectance lives; imported when a file needs it
 KINDS: dict[str, tuple[str, str]] = {
     "barycentric": ("simrig.reflectance.barycentric", "BarycentricReflectance"),
+    "btf_factored": ("simrig.reflectance.btf_factored", "FactoredBtf"),
     "dense": ("simrig.reflectance.dense", "DenseTable"),
+    "highlight_slices": ("simrig.reflectance.highlight_slices", "HighlightSlices"),
     "isotropic": ("simrig.reflectance.isotropic", "IsotropicTable"),
     "kurt": ("simrig.reflectance.analytic", "Kurt"),
     "lafortune": ("simrig.reflectance.lafortune", "Lafortune"),

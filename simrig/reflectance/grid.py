@@ -62,7 +62,7 @@ def dense_grid(
     pair, cell = index // block, index % block
     a, b = dr.gather(types.UInt, first, pair), dr.gather(types.UInt, second, pair)
     p, q = cell // n_phi, cell % n_phi
-    if meets_samples(reflectance.layout, n_theta, n_phi):
+    if reflectance.bilinear and meets_samples(reflectance.layout, n_theta, n_phi):
         value = BlendedElevations(reflectance, n_theta, n_phi, first, second, types).at(
             pair, a, b, p, q
         )

@@ -162,7 +162,7 @@ class SliceLayout:
         return index.astype(np.float64) if is_numpy(index) else type(like)(index)
 
     @cached_property
-    def _surface_terms(self) -> dict[str, np.ndarray]:
+    def surface_terms(self) -> dict[str, np.ndarray]:
         """Indices and weights that turn slices and intersections into elevation surfaces."""
         a_n, turn = self.azimuth_count, 2 * self.azimuth_count
         b, a = np.array([(b, a) for b in range(self.node_count) for a in range(b + 1)]).T
@@ -207,10 +207,10 @@ class SliceLayout:
             Flat tables of triples: surfaces of shape (node pairs, a_n + 1, 2·a_n + 1) and lowest
             values of shape (node pairs, a_n, 2·a_n).
         """
-        terms = self._surface_terms
+        terms = self.surface_terms
         a_n, turn = self.azimuth_count, 2 * self.azimuth_count
         nodes, cells = terms["corners"].shape[1], (a_n + 1) * (turn + 1)
-        read = _Reader(data["corners"])
+        read = Reader(data["corners"])
 
         total: Array = 0.0
         lowest: Array = None
@@ -232,7 +232,7 @@ class SliceLayout:
         return read.flat(total), read.flat(read.minimum_over(lowest, around))
 
 
-class _Reader:
+class Reader:
     """Array operations that differ between NumPy and Dr.Jit when whole tables are built."""
 
     def __init__(self, example: Array):
@@ -250,9 +250,14 @@ class _Reader:
             return data[key].reshape(-1, 3)[flat]
         return gather_colour(data[key], self.index(aligned(flat.astype(np.uint32))), self.like)
 
+    def numbers(self, values: np.ndarray) -> Array:
+        return values if self.numpy else self.number(aligned(values.astype(self.real)))
+
+    def same_index(self, value: int, count: int) -> Array:
+        return np.full(count, value) if self.numpy else dr.opaque(self.index, value, count)
+
     def repeat(self, weight: np.ndarray, cells: int) -> Array:
-        full = np.repeat(weight, cells)
-        return full if self.numpy else self.number(aligned(full.astype(self.real)))
+        return self.numbers(np.repeat(weight, cells))
 
     def scaled(
         self, key: str, data: Mapping[str, Array], index: np.ndarray, weight, cells

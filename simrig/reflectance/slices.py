@@ -62,6 +62,7 @@ class SliceReflectance(Reflectance):
 
     kind = "slices"
     reciprocal = True
+    bilinear = True  # in the two elevations, between the nodes of their grid
 
     def __init__(
         self,
@@ -137,7 +138,7 @@ class SliceReflectance(Reflectance):
         xp = namespace(wi)
         theta_i, phi_i = (xp.select(active, angle, 0.0) for angle in to_angles(wi))
         theta_v, phi_v = (xp.select(active, angle, 0.0) for angle in to_angles(wv))
-        value = self._interpolate(theta_i, phi_i, theta_v, phi_v, _Texels(data, wi))
+        value = self._interpolate(theta_i, phi_i, theta_v, phi_v, Texels(data, wi))
         return where_colour(active, value if is_numpy(value) else type(wi)(value))
 
     def eval_angles(
@@ -150,20 +151,15 @@ class SliceReflectance(Reflectance):
     ) -> Array:
         """Return f_r for angles in radians (NumPy or Dr.Jit), theta in [0, 90°)."""
         data = self._data_for(theta_i, data)
-        texels = _Texels(data, theta_i)
+        texels = Texels(data, theta_i)
         return self._interpolate(theta_i, phi_i, theta_v, phi_v, texels)
 
     def _interpolate(
-        self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, texels: _Texels
+        self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, texels: Texels
     ) -> Array:
         lay, xp = self.layout, namespace(theta_i)
         a_n = lay.azimuth_count
-        # reciprocity: only theta_i <= theta_v is stored; equal ones are ordered by azimuth
-        exchange = (theta_i > theta_v) | ((theta_i == theta_v) & (phi_i > phi_v))
-        theta_i, theta_v = xp.minimum(theta_i, theta_v), xp.maximum(theta_i, theta_v)
-        phi_i, phi_v = xp.select(exchange, phi_v, phi_i), xp.select(exchange, phi_i, phi_v)
-        theta_i, theta_v = (xp.minimum(t, lay.theta_max) for t in (theta_i, theta_v))
-
+        theta_i, phi_i, theta_v, phi_v = self._stored_half(theta_i, phi_i, theta_v, phi_v)
         m, j, y, k, x, b, d = azimuth_cell(phi_i, phi_v, a_n)
         i, w = lay.elevation_cell(theta_i)
         v, z = lay.elevation_cell(theta_v)
@@ -197,7 +193,20 @@ class SliceReflectance(Reflectance):
         value = value + self._between(texels, theta_i, theta_v, phi_i, phi_v, (j, y, k, x))
         return namespace(value).maximum(value, lowest)
 
-    def _along(self, key: str, texels: _Texels, pair: Array, row: Array, place: Array) -> Array:
+    def _stored_half(
+        self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return the pair, or its exchange, that is stored: theta_i <= theta_v <= theta_max.
+
+        Equal elevations are ordered by azimuth, so that reciprocity holds to the bit.
+        """
+        xp, top = namespace(theta_i), self.layout.theta_max
+        exchange = (theta_i > theta_v) | ((theta_i == theta_v) & (phi_i > phi_v))
+        theta_i, theta_v = xp.minimum(theta_i, theta_v), xp.maximum(theta_i, theta_v)
+        phi_i, phi_v = xp.select(exchange, phi_v, phi_i), xp.select(exchange, phi_i, phi_v)
+        return xp.minimum(theta_i, top), phi_i, xp.minimum(theta_v, top), phi_v
+
+    def _along(self, key: str, texels: Texels, pair: Array, row: Array, place: Array) -> Array:
         """Return the value of a slice at a position, linear between its stored samples."""
         count = self.layout.azimuth_samples
         start = (pair * (self.layout.azimuth_count + 1) + row) * count
@@ -211,19 +220,19 @@ class SliceReflectance(Reflectance):
 
     def _between(
         self,
-        texels: _Texels,
+        texels: Texels,
         theta_i: Array,
         theta_v: Array,
         phi_i: Array,
         phi_v: Array,
-        cell: tuple[Array, Array, Array, Array],
+        where: tuple[Array, Array, Array, Array],
     ) -> Array:
         """Return s + t − 3c at a point: bilinear in both elevations and both azimuth rows."""
         lay, xp = self.layout, namespace(theta_i)
         a_n, last = lay.azimuth_count, lay.node_count - 1
-        j, y, k, x = cell
-        a, w = _cell(lay.node_position(theta_i), last)
-        b, z = _cell(lay.node_position(theta_v), last)
+        j, y, k, x = where
+        a, w = cell(lay.node_position(theta_i), last)
+        b, z = cell(lay.node_position(theta_v), last)
         value: Array = None
         for step_i, weight_i in ((0, 1.0 - w), (1, w)):
             for step_v, weight_v in ((0, 1.0 - z), (1, z)):
@@ -236,7 +245,7 @@ class SliceReflectance(Reflectance):
                 pole = _pole(a, b, step_i, step_v) if lay.one_pole else False
                 if pole is not False:
                     around = phi_v if step_i == 0 else phi_i
-                    k_pole, x_pole = _cell(wrap_angle(around) / (0.5 * lay.azimuth_step), 2 * a_n)
+                    k_pole, x_pole = cell(wrap_angle(around) / (0.5 * lay.azimuth_step), 2 * a_n)
                     row, column = xp.select(pole, 0 * row, row), xp.select(pole, k_pole, column)
                     y_here, x_here = xp.select(pole, 0.0, y_here), xp.select(pole, x_pole, x_here)
                 start = (node * (a_n + 1) + row) * (2 * a_n + 1) + column
@@ -259,8 +268,8 @@ def azimuth_cell(phi_i: Array, phi_v: Array, a_n: int) -> tuple[Array, ...]:
     xp = namespace(phi_i)
     u = wrap_angle(phi_v - phi_i)
     m = wrap_angle(phi_i + 0.5 * u)
-    j, y = _cell(u * (0.5 * a_n / np.pi), a_n)
-    k, x = _cell(m * (a_n / np.pi), 2 * a_n)
+    j, y = cell(u * (0.5 * a_n / np.pi), a_n)
+    k, x = cell(m * (a_n / np.pi), 2 * a_n)
     second = k >= a_n  # the second half turn of the mean azimuth reuses the diagonal rows
     b = xp.select(second, k - a_n, k)
     d = xp.select(second, 0.5 * u + np.pi, 0.5 * u)
@@ -276,13 +285,18 @@ def along_slice(read: Callable[[Array], Array], start: Array, place: Array, coun
         place: position in radians, wrapped.
         count: samples over the full turn.
     """
-    index, weight = _cell(wrap_angle(place) * (count / (2.0 * np.pi)), count)
+    index, weight = cell(wrap_angle(place) * (count / (2.0 * np.pi)), count)
     after = namespace(place).select(index == count - 1, 0 * index, index + 1)
     return lerp(read(start + index), read(start + after), weight)
 
 
-class _Texels:
-    """Reads colours from float tables or from their packed form."""
+class Texels:
+    """Reads colours from float tables or from their packed form.
+
+    Args:
+        data: what ``prepare`` made.
+        like: a number or vector of the type that the colours are computed in.
+    """
 
     def __init__(self, data: Mapping[str, Array], like: Array):
         self._data, self._number = data, float_type(like)
@@ -308,7 +322,7 @@ def _pole(i: Array, v: Array, step_i: int, step_v: int) -> Array:
     return v == 0
 
 
-def _cell(t: Array, count: int) -> tuple[Array, Array]:
+def cell(t: Array, count: int) -> tuple[Array, Array]:
     """Return the cell of a coordinate in [0, count], and where in the cell it lies, in [0, 1]."""
     xp = namespace(t)
     index = xp.minimum(to_index(t), count - 1)

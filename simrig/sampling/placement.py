@@ -46,6 +46,15 @@ TABLE_5_1: tuple[tuple[float, float, float], ...] = (
 _MOST_ELEVATIONS, _MOST_INTERSECTIONS = 1000, 20_000_000  # a few gigabytes of index arrays
 
 
+def _check_azimuth_step(a_s: float, least: int) -> None:
+    """Refuse a step in degrees that does not divide the circle into at least so many parts."""
+    count = 360.0 / a_s if a_s > 0.0 else 0.0
+    if not np.isfinite(count) or round(count) < least or abs(count - round(count)) > 1e-6:
+        raise SimrigError(
+            f"the azimuth step must divide 360 degrees into at least {least} parts, got {a_s:g}"
+        )
+
+
 @dataclass(frozen=True)
 class SlicePlacement:
     """A regular placement of slices by elevation step, azimuth step and largest elevation.
@@ -71,11 +80,7 @@ class SlicePlacement:
             raise SimrigError(
                 f"the elevation step must lie in (0, {top:g}] degrees (theta_max), got {e_s:g}"
             )
-        count = 360.0 / a_s if a_s > 0.0 else 0.0
-        if not np.isfinite(count) or round(count) < 2 or abs(count - round(count)) > 1e-6:
-            raise SimrigError(
-                f"the azimuth step must divide 360 degrees into at least 2 parts, got {a_s:g}"
-            )
+        _check_azimuth_step(a_s, least=2)
         if top / e_s > _MOST_ELEVATIONS or self.intersections > _MOST_INTERSECTIONS:
             raise SimrigError(
                 f"steps of {e_s:g} and {a_s:g} degrees give more than {_MOST_INTERSECTIONS:,} "
@@ -188,7 +193,7 @@ class SubspacePlacement:
 
     Args:
         theta_i, theta_v: the elevations in radians, in (0, 90°).
-        azimuth_step: a_s in radians, a whole fraction 360°/a_n with a_n >= 2.
+        azimuth_step: a_s in radians, a whole fraction 360°/a_n; 360° is one slice of each kind.
     """
 
     theta_i: float
@@ -202,8 +207,9 @@ class SubspacePlacement:
                     f"{name} of a subspace must lie between 0 and 90 degrees, got "
                     f"{np.degrees(theta):g}"
                 )
-        # the same rules for the azimuth step as anywhere
-        SlicePlacement(max(self.theta_i, self.theta_v), self.azimuth_step, np.radians(89.0))
+        _check_azimuth_step(np.degrees(self.azimuth_step), least=1)
+        if self.intersections > _MOST_INTERSECTIONS:
+            raise SimrigError(f"{self.describe()} has too many intersections: use a larger step")
 
     @property
     def azimuth_count(self) -> int:
