@@ -33,12 +33,13 @@ _EPSILON = float(np.finfo(np.float64).eps)
 
 
 def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
-    """Return one job per method: interpolations, reconstructions, scattered data, adaptive plans.
+    """Return one job per method: along slices, reconstructions, scattered data, plans, the gantry.
 
     Args:
         cases: hard cases of directions, where reconstructions are evaluated.
         backend_name: ``"llvm"`` or ``"cuda"``.
     """
+    from simrig.evaluation.stability_gantry import gantry_rows
     from simrig.evaluation.stability_scattered import barycentric_rows, scattered_rows
 
     return [
@@ -47,6 +48,7 @@ def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
         adaptive_rows,
         scattered_rows,
         barycentric_rows,
+        gantry_rows,
     ]
 
 

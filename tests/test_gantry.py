@@ -59,11 +59,18 @@ def test_every_diagonal_slice_samples_both_highlights(diagonal):
             assert np.sum(away < -1.0 + 1e-12) == 2
 
 
-@pytest.mark.parametrize("samples", [32, 33, 84, 168, 500, 767, 768, 5000])
+@pytest.mark.parametrize("samples", [32, 33, 84, 168, 500, 2303, 2304, 5000, 50_000])
 def test_plan_for_a_budget_takes_at_most_that(samples):
     plan = gantry_plan(samples)
     assert 0.8 * samples <= plan.samples <= samples or plan.samples == samples
-    assert gantry_plan(max(samples // 2, 16), isotropic=True).axial == 0
+    isotropic = gantry_plan(max(samples // 2, 16), isotropic=True)
+    assert (isotropic.axial, isotropic.diagonal) == (0, 1)
+    assert isotropic.samples <= max(samples // 2, 16)
+
+
+def test_plan_for_the_published_budgets_is_the_published_plan():
+    assert gantry_plan(168) == GantryPlan()
+    assert gantry_plan(84, isotropic=True) == GantryPlan(axial=0)
 
 
 @pytest.mark.parametrize(

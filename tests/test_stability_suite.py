@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simrig.errors import SimrigError
-from simrig.evaluation import stability_plugins, stability_splines
+from simrig.evaluation import stability_gantry, stability_plugins, stability_splines
 from simrig.evaluation.hard_cases import HardCase, hard_case, hard_cases
 from simrig.evaluation.stability import stability_suite, stability_table
 from simrig.evaluation.stability_fuzz import FUZZ_PAIRS, fuzz_cases, unit
@@ -251,3 +251,24 @@ def test_no_material_breaks_on_any_directions(pairs, m_x, m_y, size, variant, al
     ]
     for row in stability_table(materials, cases=[case], precisions=["drjit-float32"]):
         assert row.explained and not row.non_finite and not row.negative, row
+
+
+# --- the gantry ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_gantry_rows_are_clean_and_planted_flaws_are_found(monkeypatch):
+    rows = stability_gantry.gantry_rows()
+    flagged = [row for row in rows if not row.explained or row.non_finite or row.negative]
+    assert not flagged, stability_markdown(flagged, every_case=True)
+    objects = {row.object for row in rows}
+    assert {"gantry, B", "gantry, BD", "Lafortune fit", "optimal transport"} < objects
+    small = stability_gantry.linear
+    monkeypatch.setattr(
+        stability_gantry, "linear", lambda ends, w, axis: small(ends, w, axis) + 1e-6
+    )
+    plan = stability_gantry.GantryPlan()
+    flat = stability_gantry._scaled(
+        "planted", "flat", plan, stability_gantry.linear, lambda a: np.full(len(a), 1e-9)
+    )
+    assert not flat.explained

@@ -63,7 +63,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the mean errors of every pair, best first, beside the published order."""
-    means = []
+    means: list[dict[str, Any]] = []
     for low, high in config["pairs"]:
         own = [row for row in rows if (row["low"], row["high"]) == (low, high)]
         means.append({"pair": f"{low:g}/{high:g}", **mean_errors(own)})

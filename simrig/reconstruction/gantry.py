@@ -139,8 +139,10 @@ def _by_rbf(
     measured = subspaces(plan, measurement.values, count, *settings)
     phi = np.arange(count) * (2.0 * np.pi / count)
     theta = np.array(plan.elevations)
-    angles = (grid.ravel() for grid in np.meshgrid(theta, theta, phi, phi, indexing="ij"))
-    nodes = _Nodes(*angles, measured.reshape(-1, 3), measurement.material)
+    grids = np.meshgrid(theta, theta, phi, phi, indexing="ij")
+    theta_i, theta_v, phi_i, phi_v = (grid.ravel() for grid in grids)
+    colours = measured.reshape(-1, 3)
+    nodes = _Nodes(theta_i, theta_v, phi_i, phi_v, colours, measurement.material)
     local = len(nodes.values) > _MOST_GLOBAL_NODES
     neighbours = NEIGHBOURS if local else None
     result = reconstruct_rbf(nodes, neighbours, reciprocal=False, logarithms=True)

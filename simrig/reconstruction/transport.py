@@ -23,7 +23,7 @@ import numpy as np
 
 from simrig.errors import SimrigError
 
-_LEAST_MASS = 1e-280  # below, shares of the total lose their digits
+_LEAST_MASS = 1e-9  # of the larger total: with less there is nothing to move
 _MOST_BINS = 1296  # the transport of more takes minutes
 _ITERATIONS = 2_000_000
 
@@ -46,7 +46,7 @@ def transport_library() -> Any:
 def displacement(first: np.ndarray, second: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return what lies between two non-negative functions on a periodic grid.
 
-    Where one of them has no mass to move the blend is linear.
+    Where one of them has no mass to speak of beside the other the blend is linear.
 
     Args:
         first, second: the functions, of one shape, of one or two dimensions, >= 0.
@@ -68,9 +68,11 @@ def displacement(first: np.ndarray, second: np.ndarray, weights: np.ndarray) -> 
     base = (0.0, 0.0) if first.ndim == 1 else (float(first.min()), float(second.min()))
     masses = first - base[0], second - base[1]
     totals = masses[0].sum(), masses[1].sum()
-    if min(totals) < _LEAST_MASS:
+    if min(totals) <= _LEAST_MASS * max(totals):
         return first + w * (second - first)
-    shares = [mass.ravel() / total for mass, total in zip(masses, totals, strict=True)]
+    # in two steps: the total of denormal numbers has few digits
+    parts = [mass.ravel() / mass.max() for mass in masses]
+    shares = [part / part.sum() for part in parts]
     cost, steps = _geometry(first.shape)
     plan = transport_library().emd(*shares, cost, numItermax=_ITERATIONS)
     source, target = np.nonzero(plan)

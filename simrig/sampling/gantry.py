@@ -26,6 +26,7 @@ _TURN = 2.0 * np.pi
 _SINGLE_AXIAL = np.radians(15.0)
 _BESIDE_HIGHLIGHT = np.radians(1.0)  # thesis section 6.2.3
 _MOST_SAMPLES, _MOST_SLICES = 3600, 360  # per slice, per subspace and kind
+_ENOUGH = 12  # slices of a kind; further samples go along them
 
 
 @dataclass(frozen=True)
@@ -167,9 +168,10 @@ class GantryPlan:
 def gantry_plan(samples: int, isotropic: bool = False) -> GantryPlan:
     """Return a plan of at most a number of samples.
 
-    The thesis's plan at 168 samples (84 for isotropic materials). Fewer or more samples are taken
-    along the same slices first, then along more slices; from 768 (384) on, at the four elevations
-    that thesis section 6.5 recommends.
+    The thesis's plan at 168 samples (84 for isotropic materials), fewer samples along the same
+    slices below, more slices above; from three of each kind on at the four elevations that thesis
+    section 6.5 recommends (the study ``gantry-slices`` finds two elevations better before). An
+    isotropic material needs no second slice: it gets four elevations, then denser slices.
 
     Args:
         samples: the most samples to take.
@@ -183,10 +185,10 @@ def gantry_plan(samples: int, isotropic: bool = False) -> GantryPlan:
         raise SimrigError(
             f"{samples} samples are too few for a gantry: it needs at least {16 * kinds}"
         )
-    many = samples >= 16 * 24 * kinds
+    many = samples >= 16 * 24 * (1 if isotropic else 2 * 3)
     elevations = (15.0, 30.0, 52.5, 75.0) if many else (30.0, 75.0)
     others = len(elevations) ** 2 - 1
-    slices = min(max(1, samples // ((24 * others + 12) * kinds)), _MOST_SLICES)
+    slices = min(max(1, samples // ((24 * others + 12) * kinds)), 1 if isotropic else _ENOUGH)
     each = min(samples // (kinds * slices), _MOST_SAMPLES)
     lowest = max(4, each // (2 * others + 1))
     return GantryPlan.from_degrees(
