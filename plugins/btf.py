@@ -9,11 +9,13 @@ from typing import Any
 from simrig.errors import SimrigError, unknown_name
 from simrig.plugins.footprint import Cone
 from simrig.plugins.named import number, resolved
+from simrig.reflectance.btf_factored import TOLERANCE, FactoredBtf
 from simrig.reflectance.btf_full import BUDGET_BYTES, OVER_BUDGET, FullBtf
 from simrig.reflectance.btf_grid import MISSING
 from simrig.reflectance.pyramid import MOST_PROBES
 from simrig.reflectance.spatial import SpatialReflectance
 
+FORMS = ("full", "factored")
 _KEPT = 4  # files whose tables stay in memory for the next scene
 _MIB = 1 << 20
 
@@ -23,7 +25,9 @@ def define_btf(adapter: type) -> type:
 
     | parameter | type | default | differentiable | meaning |
     | --- | --- | --- | --- | --- |
-    | filename | string | required | – | an image stack as simrig stores it (HDF5) |
+    | filename | string | required | – | an image stack or a factored BTF of simrig (HDF5) |
+    | form | string | full | – | of a stack: `full`, or `factored` when it is loaded |
+    | tolerance | float | 0.05 | – | error of factors that are made here |
     | scale | float | required | – | mm of material per unit of u |
     | scale_v | float | scale | – | mm of material per unit of v |
     | rotation | float | 0 | – | degrees about the normal, texture and directions alike |
@@ -36,7 +40,8 @@ def define_btf(adapter: type) -> type:
     | over_budget | string | refuse | – | a larger one: `refuse`, or `coarsen` the tile |
 
     With neither `pixel_angle` nor `pixel_width` the finest level is seen everywhere. The colour
-    `gain` (1) multiplies f_r; it is listed by `mi.traverse` and differentiable. See docs/btf.md.
+    `gain` (1) multiplies f_r; it is listed by `mi.traverse` and differentiable, and so are the
+    factors `basis` and `coefficients`. See docs/btf.md.
 
     ```python
     {"type": "simrig_btf", "filename": "corduroy.h5", "scale": 185.35, "scale_v": 120.0,
@@ -44,7 +49,7 @@ def define_btf(adapter: type) -> type:
     ```
     """
 
-    class BtfBSDF(adapter):  # type: ignore[misc, valid-type]
+    class BtfBSDF(adapter):
         """A spatially varying reflectance, seen through a pixel's cone."""
 
         def __init__(
@@ -67,6 +72,8 @@ def define_btf(adapter: type) -> type:
                 "over_budget": _choice(props, "over_budget", OVER_BUDGET),
                 "budget_bytes": int(_MIB * number(props, "budget", BUDGET_BYTES / _MIB)),
                 "probes": number(props, "probes", MOST_PROBES),
+                "form": _choice(props, "form", FORMS),
+                "tolerance": number(props, "tolerance", TOLERANCE),
             }
             return _loaded(path, path.stat().st_mtime_ns, tuple(options.items()))
 
@@ -83,8 +90,23 @@ def define_btf(adapter: type) -> type:
 def _loaded(path: Path, changed: int, options: tuple[tuple[str, Any], ...]) -> SpatialReflectance:
     """Return the reflectance of a file, read once; its time of change is part of the key."""
     from simrig.data.btf_hdf5 import read_btf
+    from simrig.data.hdf5 import content_of, read_reflectance
 
-    return FullBtf.from_stack(read_btf(path), **dict(options))
+    chosen = dict(options)
+    form, tolerance = chosen.pop("form"), chosen.pop("tolerance")
+    if content_of(path) == "reflectance":
+        reflectance = read_reflectance(path)
+        if isinstance(reflectance, SpatialReflectance):
+            return reflectance
+        raise SimrigError(f"simrig_btf: '{path}' holds a BRDF: use simrig_table")
+    if form == "full":
+        return FullBtf.from_stack(read_btf(path), **chosen)
+    return FactoredBtf.from_stack(
+        read_btf(path),
+        tolerance=tolerance,
+        missing=chosen["missing"],
+        probes=chosen["probes"],
+    )
 
 
 def _choice(props: Any, name: str, known: tuple[str, ...]) -> str:

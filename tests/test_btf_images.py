@@ -57,7 +57,8 @@ def test_utia_pictures_are_xyz(tmp_path) -> None:
     size = (1.0, 1.0)
     stack = import_btf(tmp_path / "in", tmp_path / "x.h5", size, dtype=np.float32)
     expected = np.broadcast_to([0.5, 0.0, 0.0], stack.values.shape)
-    np.testing.assert_allclose(stack.values[()], expected, atol=1e-6)
+    # the four digits of the matrix that made the picture are not those of the one that reads it
+    np.testing.assert_allclose(stack.values[()], expected, atol=5e-5)
     options = PixelValues("xyz", factor=1.0 / np.pi, with_cosine=True)
     stack = import_btf(tmp_path / "in", tmp_path / "y.h5", size, options, dtype=np.float32)
     np.testing.assert_allclose(stack.values[:, 0, 0, 0], [0.5 / np.pi, 1.0 / np.pi], rtol=1e-4)

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -113,7 +114,7 @@ def import_btf(
     first = _f_r(paths[0], angles[0, 0], values)
     provenance = {"folder": Path(folder).name, **vars(values)}
     shape = first.shape[:2]
-    options = {"name": Path(folder).name, "provenance": provenance, "dtype": dtype}
+    options: dict[str, Any] = {"name": Path(folder).name, "provenance": provenance, "dtype": dtype}
     batch = max(1, _BATCH_BYTES // first.nbytes)
     with BtfWriter(path, angles, shape, size_mm, **options) as writer:
         missing = set(writer.missing.tolist())

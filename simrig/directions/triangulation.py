@@ -100,9 +100,9 @@ class HemisphereTriangulation:
         tables = self.tables(float_type(direction)) if tables is None else tables
         still = direction if is_numpy(direction) else dr.detach(direction)
         triangle = self._walk(still, tables)
-        weights = _coordinates(direction, triangle, tables)
-        xp = namespace(weights[0])
-        weights = [xp.maximum(w, 0.0) for w in weights]
+        coordinates = _coordinates(direction, triangle, tables)
+        xp = namespace(coordinates[0])
+        weights = [xp.maximum(w, 0.0) for w in coordinates]
         total = weights[0] + weights[1] + weights[2]
         share = 1.0 / xp.select(total > 0.0, total, 1.0)
         a, b, c = (to_index(gather(tables["triangles"], triangle * 3 + k)) for k in range(3))

@@ -14,7 +14,7 @@ from simrig.reflectance.btf import BLOCK_BYTES, BtfStack
 from simrig.reflectance.btf_grid import PairGrid
 from simrig.reflectance.packed import pack_colours, read_packed
 from simrig.reflectance.pyramid import MOST_PROBES, Pyramid, Texel, box_average, level_shapes
-from simrig.reflectance.spatial import SpatialReflectance, cached
+from simrig.reflectance.spatial import Pairs, SpatialReflectance, cached
 
 BUDGET_BYTES = 2 << 30  # of a stack's look-up table, unless told otherwise
 OVER_BUDGET = ("refuse", "coarsen")
@@ -89,27 +89,22 @@ class FullBtf(SpatialReflectance):
         kind = float_type(data["gain"])
         table: Any = self._packed
         if dr.is_jit_v(kind):
-            table = cached(self, kind, "packed", lambda: dr.uint64_array_t(kind)(self._packed))
+            wide: Any = dr.uint64_array_t(kind)
+            table = cached(self, kind, "packed", lambda: wide(self._packed))
         return {"gain": data["gain"], "packed": table, **self.pyramid.tables(kind)}
 
     def angular(
-        self, wi: Array, wv: Array, data: Mapping[str, Array], active: Array
-    ) -> tuple[list[tuple[Array, Array]], Array]:
-        light, view = self.directions(wi, wv)
-        count = len(self.grid.views)
-        pairs = [
-            (light.nodes[i] * count + view.nodes[v], light.weights[i] * view.weights[v])
-            for i in range(3)
-            for v in range(3)
-        ]
-        return pairs, wi
+        self, pairs: Pairs, layer: Array, data: Mapping[str, Array], active: Array
+    ) -> Pairs:
+        return pairs
 
-    def texel(self, context: Any, texel: Texel, data: Mapping[str, Array], active: Array) -> Array:
-        pairs, like = context
+    def texel(
+        self, context: Pairs, texel: Texel, data: Mapping[str, Array], active: Array
+    ) -> Array:
         first = texel.start * self.grid.pairs + texel.index
         value: Array = None
-        for pair, weight in pairs:
-            colour = read_packed(data["packed"], first + pair * texel.count, like, active)
+        for pair, weight in context:
+            colour = read_packed(data["packed"], first + pair * texel.count, data["gain"], active)
             colour = scale(colour, weight)
             value = colour if value is None else value + colour
         return value

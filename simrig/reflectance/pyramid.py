@@ -16,7 +16,16 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.arrays import Array, gather, is_numpy, namespace, scale, to_device, to_index
+from simrig.arrays import (
+    Array,
+    gather,
+    is_numpy,
+    namespace,
+    scale,
+    to_device,
+    to_index,
+    vector_type,
+)
 from simrig.errors import SimrigError
 
 MOST_PROBES = 8  # along the major axis, unless told otherwise
@@ -103,7 +112,6 @@ class Pyramid:
         footprint: Footprint,
         tables: Mapping[str, Array],
         look_up: Callable[[Texel], Array],
-        differentiable: bool = False,
     ) -> Array:
         """Return the average colour over footprints.
 
@@ -111,7 +119,6 @@ class Pyramid:
             footprint: what is seen.
             tables: what ``tables`` returned.
             look_up: returns the colour of texels.
-            differentiable: unroll the loop over the probes, for derivatives in reverse.
         """
         if footprint.width is None:
             return self._probe(footprint.x, footprint.y, None, tables, look_up)
@@ -130,7 +137,7 @@ class Pyramid:
             y = footprint.y + along * footprint.major_y
             return self._probe(x, y, level, tables, look_up)
 
-        if dr.is_jit_v(count) and not differentiable:
+        if dr.is_jit_v(count):
             return _sum_jit(probe, count) / count
         total = probe(0.0 * count)
         for number in range(1, self.probes):
@@ -199,17 +206,16 @@ def _overlap(length: int, count: int) -> np.ndarray:
 
 
 def _sum_jit(probe: Callable[[Array], Array], count: Any) -> Any:
-    first = probe(0.0 * count)
-
     def body(number: Any, total: Any) -> tuple[Any, Any]:
         return number + 1.0, total + probe(number)
 
     return dr.while_loop(
-        state=(0.0 * count + 1.0, first),
+        state=(dr.zeros(type(count)), dr.zeros(vector_type(type(count)))),
         cond=lambda number, total: number < count,
         body=body,
         labels=("number", "total"),
         label="probes of a footprint",
+        max_iterations=-1,  # a plain sum, which has derivatives in reverse
     )[1]
 
 

@@ -9,11 +9,13 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.arrays import Array, float_type, is_numpy, where_colour
+from simrig.arrays import Array, float_type, is_numpy, vector_type, where_colour
 from simrig.directions.triangulation import Place
 from simrig.reflectance.btf_grid import PairGrid
 from simrig.reflectance.protocol import Reflectance, above_horizon
 from simrig.reflectance.pyramid import Footprint, Pyramid, Texel
+
+Pairs = list[tuple[Array, Array]]
 
 
 class SpatialReflectance(Reflectance):
@@ -43,13 +45,25 @@ class SpatialReflectance(Reflectance):
     def device_bytes(self) -> int:
         """Bytes of the tables that a look-up reads, single precision."""
 
+    @property
+    def layers(self) -> int:
+        """Number of parts of which the value is the sum; each is looked up in turn."""
+        return 1
+
     @abstractmethod
-    def angular(self, wi: Array, wv: Array, data: Mapping[str, Array], active: Array) -> Any:
-        """Return what a look-up needs of the directions, whatever the texel."""
+    def angular(self, pairs: Pairs, layer: Array, data: Mapping[str, Array], active: Array) -> Any:
+        """Return what a look-up needs of the directions, whatever the texel.
+
+        Args:
+            pairs: numbers of the nine pairs around the directions, with their weights.
+            layer: number of the part.
+            data: the prepared arrays.
+            active: mask.
+        """
 
     @abstractmethod
     def texel(self, context: Any, texel: Texel, data: Mapping[str, Array], active: Array) -> Array:
-        """Return f_r of texels for what ``angular`` returned."""
+        """Return the part's f_r of texels for what ``angular`` returned."""
 
     def eval_at(
         self,
@@ -66,29 +80,53 @@ class SpatialReflectance(Reflectance):
             data: as for ``eval``.
         """
         data = self._data_for(wi, data)
-        active = _valid(wi, wv)
-        context = self.angular(wi, wv, data, active)
-        value = self.pyramid.average(
-            footprint,
-            data,
-            lambda texel: self.texel(context, texel, data, active),
-            differentiable=self.in_reverse(data),
-        )
-        return where_colour(active, finished(value, data["gain"], wi))
+
+        def part(context: Any, active: Array) -> Array:
+            look_up = lambda texel: self.texel(context, texel, data, active)  # noqa: E731
+            return self.pyramid.average(footprint, data, look_up)
+
+        return self._sum(wi, wv, data, part)
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
+        index = index_of(wi)
+        texel = Texel(index(int(self.pyramid.starts[-1])), index(1), index(0), 1.0)
+        return self._sum(
+            wi, wv, data, lambda context, active: self.texel(context, texel, data, active)
+        )
+
+    def _sum(
+        self,
+        wi: Array,
+        wv: Array,
+        data: Mapping[str, Array],
+        part: Callable[[Any, Array], Array],
+    ) -> Array:
+        """Return the colour whose layers ``part`` gives, times the gain."""
         active = _valid(wi, wv)
-        context = self.angular(wi, wv, data, active)
-        last = len(self.pyramid.shapes) - 1
-        index = type_index(wi)
-        texel = Texel(index(int(self.pyramid.starts[last])), index(1), index(0), 1.0)
-        value = self.texel(context, texel, data, active)
+        pairs = self._pairs(wi, wv)
+
+        def layer(number: Array) -> Array:
+            return part(self.angular(pairs, number, data, active), active)
+
+        index = index_of(wi)
+        if self.layers > 1 and dr.is_jit_v(wi):
+            value = _sum_jit(layer, index, self.layers, float_type(wi))
+        else:
+            value = layer(index(0))
+            for number in range(1, self.layers):
+                value = value + layer(index(number))
         return where_colour(active, finished(value, data["gain"], wi))
 
-    def in_reverse(self, data: Mapping[str, Array]) -> bool:
-        """Return whether derivatives flow to texels, which a recorded loop cannot carry back."""
-        return False
+    def _pairs(self, wi: Array, wv: Array) -> Pairs:
+        """Return the nine measured pairs around directions."""
+        light, view = self.directions(wi, wv)
+        count = len(self.grid.views)
+        return [
+            (light.nodes[i] * count + view.nodes[v], light.weights[i] * view.weights[v])
+            for i in range(3)
+            for v in range(3)
+        ]
 
     def directions(self, wi: Array, wv: Array) -> tuple[Place, Place]:
         """Return where both directions lie among the measured ones."""
@@ -97,7 +135,7 @@ class SpatialReflectance(Reflectance):
         return light.locate(wi, light.tables(kind)), view.locate(wv, view.tables(kind))
 
 
-def type_index(direction: Array) -> Any:
+def index_of(direction: Array) -> Any:
     """Return a function that makes a whole number an index that fits directions."""
     if is_numpy(direction):
         shape = direction.shape[:-1]
@@ -106,6 +144,22 @@ def type_index(direction: Array) -> Any:
     if kind is float:
         return int
     return dr.uint32_array_t(kind)
+
+
+def _sum_jit(layer: Callable[[Array], Array], index: Any, count: int, kind: type) -> Any:
+    """Return the sum of the layers, by a recorded loop: a kernel of one layer's size."""
+
+    def body(number: Any, total: Any) -> tuple[Any, Any]:
+        return number + 1, total + layer(number)
+
+    return dr.while_loop(
+        state=(index(0), dr.zeros(vector_type(kind))),
+        cond=lambda number, total: number < count,
+        body=body,
+        labels=("number", "total"),
+        label="layers of a BTF",
+        max_iterations=-1,  # a plain sum, which has derivatives in reverse
+    )[1]
 
 
 def _valid(wi: Array, wv: Array) -> Array:
