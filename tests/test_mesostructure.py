@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -204,3 +205,34 @@ _YARN = Yarn((0.5, 0.5, 0.5), 0.4, 0.3)
 def test_bad_parameters_are_refused(build: Callable[[], object], message: str) -> None:
     with pytest.raises(SimrigError, match=message):
         build()
+
+
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "mesostructure.md"
+
+
+def row(name: str) -> list[str]:
+    """Return the cells of a preset in the table of the page."""
+    found = [li for li in DOCS.read_text().splitlines() if li.startswith(f"| `{name}` |")]
+    assert len(found) == 1, name
+    return [cell.strip() for cell in found[0].strip("|").split("|")][1:]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_lists_every_preset(name: str) -> None:
+    preset = PRESETS[name]
+    width, height = preset.structure.size_mm
+    assert row(name)[:4] == [
+        GROUPS[preset.group],
+        f"{preset.structure.element_mm:.3g}",
+        f"{width:.4g} × {height:.4g}",
+        str(preset.resolution),
+    ]
+    assert row(name)[-1] == preset.description
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_states_triangles_and_memory(name: str) -> None:
+    tile = build_tile(name)
+    assert row(name)[4:6] == [f"{tile.triangles:,}", f"{tile.nbytes / 1e6:.1f}"]
+    assert tile.triangles < 700_000

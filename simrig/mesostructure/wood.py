@@ -81,8 +81,8 @@ class Wood:
         share = np.clip(late + 0.10 * streaks, 0.0, 1.0)[..., None]
         colour = np.asarray(self.light) * (1.0 - share) + np.asarray(self.dark) * share
         colour *= 1.0 + 0.05 * band_noise(grid, (0.06, 1.5), rng)[..., None]
-        rays = _spindles(grid, self.rays, rng, None)
-        vessels = _spindles(grid, self.vessels, rng, 1.0 - self.clustering * late)
+        rays = spindles(grid, self.rays, rng, None)
+        vessels = spindles(grid, self.vessels, rng, 1.0 - self.clustering * late)
         for field, marks in ((rays, self.rays), (vessels, self.vessels)):
             cover = smoothstep(0.0, 0.6, field)[..., None]
             colour = colour * (1.0 - cover) + np.asarray(marks.colour) * cover
@@ -100,7 +100,7 @@ class Wood:
         return smoothstep(0.15, 0.85, phase) * (1.0 - smoothstep(0.92, 1.0, phase))
 
 
-def _spindles(
+def spindles(
     grid: Grid, marks: Spindles, rng: np.random.Generator, likely: np.ndarray | None
 ) -> np.ndarray:
     """Return marks at random, 1 in the middle of each and 0 outside, (rows, columns).
