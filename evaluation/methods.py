@@ -12,20 +12,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from simrig.cost import Cost
 from simrig.directions.schemes import HemisphereScheme
 from simrig.errors import SimrigError, unknown_name
-from simrig.reconstruction.barycentric import reconstruct_barycentric
-from simrig.reconstruction.rbf import NEIGHBOURS, reconstruct_rbf
-from simrig.reconstruction.regular_grid import reconstruct_regular_grid
-from simrig.reconstruction.slices import reconstruct
+from simrig.reconstruction.by_name import Rebuilt, reconstruct_by_name
+from simrig.reconstruction.gantry import reconstruct_gantry
+from simrig.reconstruction.highlights import reconstruct_along_highlights
+from simrig.reconstruction.slices import SliceMeasurement, reconstruct
 from simrig.reflectance.protocol import Reflectance
-from simrig.rigs.directions_measurement import DirectionsMeasurement
+from simrig.reflectance.slices import SliceReflectance
+from simrig.rigs.gantry import Gantry
 from simrig.rigs.gonioreflectometer import Gonioreflectometer, Progress
+from simrig.sampling.gantry import gantry_plan
 from simrig.sampling.placement import optimal_placement
 from simrig.sampling.uniform import largest_uniform_scheme, uniform_plan
 
@@ -72,9 +73,6 @@ class Method:
     least_samples: int
 
 
-Rebuild = Callable[[DirectionsMeasurement], tuple[Reflectance, int, tuple[str, ...]]]
-
-
 def method(name: str) -> Method:
     """Return a method by name: a key of ``METHODS``.
 
@@ -86,31 +84,30 @@ def method(name: str) -> Method:
     return METHODS[name]
 
 
-def rebuilt(
-    cost: Cost, rebuild: Callable[[], tuple[Reflectance, int, tuple[str, ...]]]
-) -> MethodResult:
+def rebuilt(cost: Cost, rebuild: Callable[[], Rebuilt], *notes: str) -> MethodResult:
     """Time a reconstruction and return it with the cost of its measurement.
 
     Args:
         cost: of the measurement.
-        rebuild: returns the reflectance, its stored bytes and its notes.
+        rebuild: makes the reflectance.
+        notes: said before those of the reconstruction.
     """
     start = time.perf_counter()
-    reflectance, stored, notes = rebuild()
-    seconds = time.perf_counter() - start
+    made = rebuild()
     return MethodResult(
-        reflectance,
-        cost.samples,
-        cost.hardware_seconds,
-        cost.compute_seconds,
-        seconds,
-        stored,
-        notes,
+        reflectance=made.reflectance,
+        samples=cost.samples,
+        hardware_seconds=cost.hardware_seconds,
+        sampling_seconds=cost.compute_seconds,
+        reconstruction_seconds=time.perf_counter() - start,
+        bytes=made.bytes,
+        notes=(*notes, *made.notes),
     )
 
 
 def _slices(
     slice_types: str,
+    rebuild_from: Callable[[SliceMeasurement], SliceReflectance],
     rig: Gonioreflectometer,
     reflectance: Reflectance,
     samples: int,
@@ -121,16 +118,16 @@ def _slices(
         reflectance, placement, samples, slice_types=slice_types, progress=progress
     )
 
-    def rebuild() -> tuple[Reflectance, int, tuple[str, ...]]:
-        result = reconstruct(measurement)
-        return result, result.stored_bytes, (placement.describe(), *_assumed(reflectance))
+    def rebuild() -> Rebuilt:
+        result = rebuild_from(measurement)
+        return Rebuilt(result, result.stored_bytes)
 
-    return rebuilt(measurement.cost, rebuild)
+    return rebuilt(measurement.cost, rebuild, placement.describe(), *_assumed(reflectance))
 
 
 def _on_scheme(
+    name: str,
     plan: Callable[[int, Reflectance], HemisphereScheme],
-    rebuild: Rebuild,
     rig: Gonioreflectometer,
     reflectance: Reflectance,
     samples: int,
@@ -138,13 +135,12 @@ def _on_scheme(
 ) -> MethodResult:
     scheme = plan(samples, reflectance)
     measurement = rig.measure_scheme(reflectance, scheme, reciprocal=True, progress=progress)
-
-    def complete() -> tuple[Reflectance, int, tuple[str, ...]]:
-        result, stored, notes = rebuild(measurement)
-        told = f"{scheme.name}, {len(scheme)} directions"
-        return result, stored, (told, *notes, *_assumed(reflectance))
-
-    return rebuilt(measurement.cost, complete)
+    return rebuilt(
+        measurement.cost,
+        partial(reconstruct_by_name, name, measurement),
+        f"{scheme.name}, {len(scheme)} directions",
+        *_assumed(reflectance),
+    )
 
 
 def _uniform(samples: int, reflectance: Reflectance) -> HemisphereScheme:
@@ -175,64 +171,101 @@ def _assumed(reflectance: Reflectance) -> tuple[str, ...]:
     return ("not reciprocal: only theta_i <= theta_v was measured",)
 
 
-def _barycentric(measurement: DirectionsMeasurement) -> Any:
-    result = reconstruct_barycentric(measurement)
-    return result, result.stored_bytes, ()
+def _gantry(
+    name: str,
+    rig: Gonioreflectometer,
+    reflectance: Reflectance,
+    samples: int,
+    progress: Progress | None = None,
+) -> MethodResult:
+    """Measure on a gantry of its own, which simulates no effects."""
+    if rig.effects:
+        raise SimrigError("a gantry simulates no effects: give a rig without")
+    plan = gantry_plan(samples)
+    measurement = Gantry().measure(reflectance, plan)
+    if progress is not None:
+        progress(plan.samples, plan.samples)
 
+    def rebuild() -> Rebuilt:
+        made = reconstruct_gantry(measurement, name)
+        return Rebuilt(made.reflectance, made.reflectance.values.nbytes, made.notes)
 
-def _regular_grid(measurement: DirectionsMeasurement) -> Any:
-    table = reconstruct_regular_grid(measurement)
-    return table, table.values.nbytes, ()
-
-
-def _rbf(neighbours: int | None, logarithms: bool, measurement: DirectionsMeasurement) -> Any:
-    result = reconstruct_rbf(measurement, neighbours, logarithms=logarithms)
-    return result.reflectance, result.reflectance.stored_bytes, result.notes
+    return rebuilt(measurement.cost, rebuild, plan.describe())
 
 
 _ALL = (
-    Method("slices", "adaptive slices, all kinds (5.3)", partial(_slices, "all"), 55),
+    Method("slices", "adaptive slices, all kinds (5.3)", partial(_slices, "all", reconstruct), 55),
     Method(
         "slices_axial_diagonal",
         "adaptive slices, axial and diagonal only (5.3)",
-        partial(_slices, "axial_diagonal"),
+        partial(_slices, "axial_diagonal", reconstruct),
+        55,
+    ),
+    Method(
+        "improved",
+        "adaptive slices, all kinds, interpolated along highlights (5.7 in 4-D)",
+        partial(_slices, "all", reconstruct_along_highlights),
+        55,
+    ),
+    Method(
+        "improved_axial_diagonal",
+        "as improved, axial and diagonal slices only",
+        partial(_slices, "axial_diagonal", reconstruct_along_highlights),
         55,
     ),
     Method(
         "barycentric",
         "uniform scheme, barycentric interpolation (5.5.2)",
-        partial(_on_scheme, _uniform, _barycentric),
+        partial(_on_scheme, "barycentric", _uniform),
         435,
     ),
     Method(
         "rbf_global",
         "uniform scheme, one radial basis function per sample (5.5.2)",
-        partial(_on_scheme, _uniform, partial(_rbf, None, False)),
+        partial(_on_scheme, "rbf_global", _uniform),
         435,
     ),
     Method(
         "rbf_local",
         "uniform scheme, radial basis functions of the nearest samples",
-        partial(_on_scheme, _uniform, partial(_rbf, NEIGHBOURS, False)),
+        partial(_on_scheme, "rbf_local", _uniform),
         435,
     ),
     Method(
         "rbf_global_log",
         "as rbf_global, of the logarithms of the values",
-        partial(_on_scheme, _uniform, partial(_rbf, None, True)),
+        partial(_on_scheme, "rbf_global_log", _uniform),
         435,
     ),
     Method(
         "rbf_local_log",
         "as rbf_local, of the logarithms of the values",
-        partial(_on_scheme, _uniform, partial(_rbf, NEIGHBOURS, True)),
+        partial(_on_scheme, "rbf_local_log", _uniform),
         435,
     ),
     Method(
         "regular_grid",
         "regular grid, multilinear interpolation",
-        partial(_on_scheme, _regular, _regular_grid),
+        partial(_on_scheme, "regular_grid", _regular),
         10,
+    ),
+    Method(
+        "gantry_a",
+        "gantry slices, radial basis functions between elevations (6.1, A)",
+        partial(_gantry, "a"),
+        32,
+    ),
+    Method(
+        "gantry_b",
+        "gantry slices, linear along a Lafortune model (6.1, B)",
+        partial(_gantry, "b"),
+        32,
+    ),
+    Method(
+        "gantry_bd",
+        "gantry slices, displacement interpolation (6.1, BD)",
+        partial(_gantry, "bd"),
+        32,
     ),
 )
 

@@ -10,6 +10,8 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_file
+from simrig.cli.rebuild import Method, load_measurement, rebuilt
+from simrig.cli.schemes import measure_scheme, scheme_of
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -40,7 +42,13 @@ def register(app: typer.Typer) -> None:
 def measure(
     material: Annotated[str, typer.Argument(help="A built-in material or a material file.")],
     output: Annotated[Path, typer.Option(help="The measurement (.h5).")],
-    samples: Annotated[int, typer.Option(help="Distinct direction pairs to measure.")] = 8911,
+    samples: Annotated[
+        int | None, typer.Option(help="Distinct direction pairs to measure; 8911 if not given.")
+    ] = None,
+    scheme: Annotated[
+        str | None,
+        typer.Option(help="All pairs of a scheme instead: 1 to 30, a name, uniform or regular."),
+    ] = None,
     elevation_step: Annotated[
         float | None,
         typer.Option(help="Degrees between elevations; by Table 5.1 for --samples else."),
@@ -63,7 +71,11 @@ def measure(
     seed: Annotated[int, typer.Option(min=0, help="Of noise and errors of the axes.")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
 ) -> frame.Report:
-    """Measure a material adaptively along slices with the virtual gonioreflectometer.
+    """Measure a material with the virtual gonioreflectometer, adaptively along slices.
+
+    With --scheme it measures all pairs of a scheme's directions instead, each unordered pair once
+    for a reciprocal material: one of the thirty uniform schemes by its number, another scheme by
+    its name, or the densest uniform scheme or regular grid that --samples allow.
 
     Which effects of the rig are simulated follows from the tolerance (dE=0.5 unless given): those
     that could change the measured values by more together. The plan is kept in the measurement.
@@ -71,7 +83,9 @@ def measure(
     What was measured so far is kept in .NAME.checkpoint beside the output: after Ctrl-C (or a
     kill) the same command goes on from there, with the same result as without the interruption.
     """
-    placement = _placement(samples, elevation_step, azimuth_step, theta_max)
+    if scheme is not None and (elevation_step or azimuth_step or slices != SliceTypes.ALL):
+        raise SimrigError("--scheme measures no slices: leave out the options that place them")
+    wished = 8911 if samples is None else samples
     if ideal and (tolerance or simulate or without or everything):
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
     slice_types = slices.replace("-", "_")
@@ -85,17 +99,22 @@ def measure(
     allowed = parse_tolerance(tolerance or effect_options.DEFAULT_TOLERANCE)
     overrides = Overrides(tuple(simulate or ()), tuple(without or ()), everything)
     rig, plan = Gonioreflectometer(instrument=Instrument(seed=seed)), None
+    listed = None if scheme is None else scheme_of(scheme, samples, theta_max)
     with output_file(output, force):
         reflectance = load_material(material)
         checkpoint = output.with_name(f".{output.name}.checkpoint")
         frame.on_interrupt(f"run the same command again to go on from '{checkpoint}'")
+        if listed is not None:
+            effects = None if ideal else (allowed, overrides)
+            return measure_scheme(reflectance, rig, listed, output, checkpoint, effects)
+        placement = _placement(wished, elevation_step, azimuth_step, theta_max)
         if not ideal:
             plan = plan_rig(
                 reflectance,
                 rig,
                 allowed,
                 placement=placement,
-                samples=samples,
+                samples=wished,
                 overrides=overrides,
                 slice_types=slice_types,
             )
@@ -104,7 +123,7 @@ def measure(
             measurement = rig.measure(
                 reflectance,
                 placement,
-                samples,
+                wished,
                 slice_types=slice_types,
                 k=k,
                 p_1=p_1,
@@ -152,25 +171,34 @@ def reconstruct(
     output: Annotated[
         Path, typer.Option(help="The reflectance: .h5, or another format by its ending.")
     ],
+    method: Annotated[
+        Method | None,
+        typer.Option(help="By what was measured else: slices along slices, barycentric."),
+    ] = None,
     interpolation: Annotated[
         Interpolation, typer.Option(help="Along the slices; pchip never overshoots.")
     ] = Interpolation.CUBIC,
+    step: Annotated[
+        float, typer.Option(help="Degrees between the nodes of the table that an RBF becomes.")
+    ] = 5.0,
     format: Annotated[
         str | None, typer.Option(help="See 'simrig convert --help'; by the ending else.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
 ) -> frame.Report:
-    """Reconstruct the whole reflectance from a measurement along slices."""
+    """Reconstruct the whole reflectance from a measurement, along slices or of a scheme.
+
+    The methods: docs/methods.md. Radial basis functions (rbf-…) are too slow to render and are
+    stored as a table.
+    """
     from time import perf_counter
 
     from simrig.data.load import save_material
-    from simrig.reconstruction.slices import reconstruct as from_slices
-    from simrig.rigs.measurement import Measurement
 
-    measured = Measurement.load(measurement)
+    measured = load_measurement(measurement)
     with output_file(output, force):
         start = perf_counter()
-        reflectance = from_slices(measured, str(interpolation))
+        reflectance, notes, name = rebuilt(measured, method, str(interpolation), step)
         seconds = perf_counter() - start
         saved = save_material(output, reflectance, format)
     return frame.Report(
@@ -178,13 +206,16 @@ def reconstruct(
             "output": output,
             "material": reflectance.name,
             "samples": measured.cost.samples,
-            "interpolation": str(interpolation),
+            "method": name,
+            "interpolation": str(interpolation) if name == "slices" else None,
+            "notes": list(notes),
             "compute_seconds": seconds,
             "format": saved.format,
             "bytes": saved.bytes,
         },
         shown=[
             f"{output}: {reflectance.name}, {saved.format} format, in {seconds:.2f} s, "
-            f"{saved.bytes:,} bytes"
+            f"{saved.bytes:,} bytes",
+            *([", ".join(notes)] if notes else []),
         ],
     )

@@ -100,6 +100,19 @@ class HemisphereScheme:
         """Return the directions as unit vectors, shape (n, 3)."""
         return to_vector(self.theta, self.phi)
 
+    def pair_angles(self, reciprocal: bool) -> np.ndarray:
+        """Return theta_i, theta_v, phi_i, phi_v of all pairs of directions, (m, 4) radians.
+
+        Args:
+            reciprocal: each unordered pair once, the direction that comes first as illumination
+                (with rings: the one closer to the normal); else all ordered pairs.
+        """
+        count = len(self)
+        all_pairs = np.indices((count, count)).reshape(2, -1)
+        first, second = np.triu_indices(count) if reciprocal else all_pairs
+        angles = (self.theta[first], self.theta[second], self.phi[first], self.phi[second])
+        return np.stack(angles, axis=1)
+
     @classmethod
     def from_rings(cls, name: str, rings: Iterable[Ring]) -> HemisphereScheme:
         """Return the scheme of ``rings``, in their order, azimuths ascending."""

@@ -82,8 +82,13 @@ def reconstruct_rbf(
         f"{measurement.material} from {len(values)} samples, {kind}",
     )
     conditions = [fitted.condition for _, fitted, _ in made if fitted is not None]
-    notes = tuple(note for *_, own in made for note in own)
-    return RbfResult(reflectance, max(conditions) if conditions else None, notes)
+    notes = [note for *_, own in made for note in own]
+    directions = [to_vector(measurement.theta_i, measurement.phi_i)]
+    directions.append(to_vector(measurement.theta_v, measurement.phi_v))
+    repeated = len(values) - len(_merged(np.concatenate(directions, axis=1), values)[0])
+    if repeated:
+        notes.append(f"{repeated} repeated samples merged")
+    return RbfResult(reflectance, max(conditions) if conditions else None, tuple(notes))
 
 
 def _halves(
@@ -118,8 +123,6 @@ def _spline(
     """Return the spline through points, its fit where it is one, and what to say about it."""
     nodes, means = _merged(points, values)
     notes = [f"{len(nodes)} nodes"]
-    if len(nodes) < len(points):
-        notes.append(f"{len(points) - len(nodes)} repeated samples merged")
     if neighbours is not None:
         return LocalSplines(nodes, means, min(neighbours, len(nodes))), None, notes
     if len(nodes) > LARGEST_GLOBAL:

@@ -7,12 +7,14 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
+from scipy.sparse import csr_array
 
 from simrig.arrays import Array, is_numpy, scale, where_colour
 from simrig.directions.spherical import to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
 from simrig.errors import SimrigError
 from simrig.reflectance.checks import check_values
+from simrig.reflectance.grid import grid_sizes
 from simrig.reflectance.packed import prepare_table, read_colour
 from simrig.reflectance.protocol import Reflectance, above_horizon
 
@@ -112,6 +114,43 @@ class BarycentricReflectance(Reflectance):
                 inner = _multiply_add(colour, weight, inner)
             value = _multiply_add(inner, row_weight, value)
         return where_colour(active, value if is_numpy(value) else type(wi)(value))
+
+    def to_dense(self, step_deg: float = 2.0) -> np.ndarray:
+        """Return the whole array on a regular grid of all four angles.
+
+        Every direction is located once and both sides are interpolated one after the other, as
+        products with a sparse matrix of three entries per row.
+
+        Args:
+            step_deg: step of all four angles in degrees; divides theta_max and 360°.
+
+        Returns:
+            float32 array (theta_i, theta_v, phi_i, phi_v, 3).
+
+        Raises:
+            SimrigError: a step that does not divide the ranges.
+        """
+        n_theta, n_phi = grid_sizes(self.theta_max, step_deg)
+        theta, phi = (np.radians(step_deg) * np.arange(n) for n in (n_theta, n_phi))
+        weights = self._weights(to_vector(theta[:, None], phi).reshape(-1, 3))
+        count = len(self.theta)
+        by_view = np.ascontiguousarray(self.values.swapaxes(0, 1), dtype=np.float32)
+        half = (weights @ by_view.reshape(count, -1)).reshape(-1, count, 3)
+        half = np.ascontiguousarray(half.swapaxes(0, 1)).reshape(count, -1)
+        out = np.empty((n_theta, n_theta, n_phi, n_phi, 3), dtype=np.float32)
+        for row in range(n_theta):
+            ring = weights[row * n_phi : (row + 1) * n_phi] @ half
+            out[row] = ring.reshape(n_phi, n_theta, n_phi, 3).swapaxes(0, 1)
+        return out
+
+    def _weights(self, directions: np.ndarray) -> csr_array:
+        """Return the float32 matrix (m, n) that interpolates from the nodes to directions."""
+        place = self.triangulation.locate(directions)
+        columns, values = np.stack(place.nodes, axis=1), np.stack(place.weights, axis=1)
+        first = np.arange(0, columns.size + 1, 3)
+        shape = (len(directions), len(self.theta))
+        parts = (values.ravel().astype(np.float32), columns.ravel(), first)
+        return csr_array(parts, shape=shape)
 
 
 def _multiply_add(colour: Array, weight: Array, total: Array) -> Array:

@@ -12,6 +12,7 @@ spline, reciprocal.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -55,9 +56,6 @@ class RbfReflectance(Reflectance):
         floor: if given, per channel, the splines interpolate log(f_r + floor).
         theta_max: largest elevation of the samples, in radians; beyond it the value is held.
         name: what reports call it.
-
-    Attributes:
-        told: if set, called with the directions done and in total while arrays are evaluated.
     """
 
     def __init__(
@@ -74,7 +72,6 @@ class RbfReflectance(Reflectance):
         self.low, self.high, self.floor = low, high, floor
         self.theta_max, self.name = theta_max, name
         self.reciprocal = steep_light is steep_view
-        self.told: Callable[[int, int], None] | None = None
 
     @property
     def stored_bytes(self) -> int:
@@ -84,47 +81,62 @@ class RbfReflectance(Reflectance):
     def data(self) -> Mapping[str, np.ndarray]:
         return {}
 
+    def prepare(
+        self, data: Mapping[str, Array], differentiable: bool = True
+    ) -> Mapping[str, Array]:
+        raise SimrigError(
+            f"'{self.name}' is too slow to render: tabulate it first (resample_dense, or "
+            "'simrig reconstruct')"
+        )
+
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         active = above_horizon(wi, wv)
         if is_numpy(wi):
             wi, wv = np.broadcast_arrays(wi, wv)
-            flat = self._at(wi.reshape(-1, 3), wv.reshape(-1, 3), None)
+            flat = self.values(wi.reshape(-1, 3), wv.reshape(-1, 3))
             return where_colour(active, flat.reshape(wi.shape))
-        try:
-            host = [np.array(w, dtype=np.float64).reshape(3, -1).T for w in (wi, wv)]
-        except (RuntimeError, TypeError) as error:  # inside a kernel there are no numbers yet
-            raise SimrigError(
-                f"'{self.name}' is too slow to render: tabulate it first (resample_dense, or "
-                "'simrig reconstruct')"
-            ) from error
+        host = [np.array(w, dtype=np.float64).reshape(3, -1).T for w in (wi, wv)]
         kind = float_type(wi)
-        value = self._at(host[0], host[1], None if kind is float else kind)
+        value = self.values(host[0], host[1], None if kind is float else kind)
         if kind is float:
             return where_colour(active, type(wi)(*value[0].tolist()))
         return where_colour(active, type(wi)(*(kind(channel) for channel in value.T.copy())))
 
-    def _at(self, wi: np.ndarray, wv: np.ndarray, kind: type | None) -> np.ndarray:
-        """Return f_r for host directions (n, 3); the splines are summed in ``kind``."""
+    def values(
+        self,
+        wi: np.ndarray,
+        wv: np.ndarray,
+        float_type: type | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> np.ndarray:
+        """Return f_r for directions of the upper hemisphere, in blocks.
+
+        Args:
+            wi, wv: unit vectors, (n, 3).
+            float_type: any type of the Dr.Jit backend in which a global spline is summed; None
+                for NumPy, which is several times slower and gives the same.
+            progress: called with the number of evaluations done and in total.
+
+        Returns:
+            (n, 3) linear RGB in 1/sr; 0 for directions that are not finite.
+        """
         known = np.isfinite(wi).all(axis=1) & np.isfinite(wv).all(axis=1)
         wi, wv = (np.where(known[:, None], w, (0.0, 0.0, 1.0)) for w in (wi, wv))
         wi, wv = (limit_elevation(w, self.theta_max) for w in (wi, wv))
         ahead = 0.5 + 0.5 * (to_angles(wv)[0] - to_angles(wi)[0]) / BAND
         share = np.clip(ahead, 0.0, 1.0)
-        value = np.zeros(wi.shape)
         parts = [(wi, wv, share), (wv, wi, 1.0 - share)]
         total = sum(int(np.count_nonzero(weight)) for *_, weight in parts)
-        done = 0
+        value, done = np.zeros(wi.shape), 0
         for spline, (steep, flat, weight) in zip(self.splines, parts, strict=True):
             used = weight > 0.0
             points = np.stack(to_onion(steep[used], flat[used]), axis=-1)
-            found = self._limited(spline(points, kind, self._teller(done, total)))
+            told = None if progress is None else partial(_tell, progress, done, total)
+            found = self._limited(spline(points, float_type, told))
             value[used] += weight[used, None] * found
             done += len(points)
-        return np.where(known[:, None], value, 0.0)
-
-    def _teller(self, before: int, total: int) -> Told | None:
-        told = self.told
-        return None if told is None else lambda done: told(before + done, total)
+        # rounding of the blend must not leave the range either
+        return np.where(known[:, None], np.clip(value, self.low, self.high), 0.0)
 
     def _limited(self, found: np.ndarray) -> np.ndarray:
         """Return f_r from what a spline gives, within the samples' range."""
@@ -134,3 +146,7 @@ class RbfReflectance(Reflectance):
         low, high = np.log(self.low + self.floor), np.log(self.high + self.floor)
         values = np.exp(np.clip(found, low, high)) - self.floor
         return np.clip(values, self.low, self.high)
+
+
+def _tell(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+    progress(before + done, total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,8 +104,11 @@ def resample_dense(
     theta_max: float | None = None,
     dtype: type = np.float32,
     float_type: type | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> DenseTable:
     """Tabulate any reflectance on a regular grid of elevations and azimuths.
+
+    Of a reciprocal one, each pair of elevations is evaluated in one order.
 
     Args:
         reflectance: what to tabulate.
@@ -114,6 +118,7 @@ def resample_dense(
             horizon are evaluated at 89.9°.
         dtype: type of the table.
         float_type: what to evaluate in (see ``evaluate``); by default NumPy float64.
+        progress: called with the pairs of elevations done and in total.
     """
     theta_max = reflectance.theta_max if theta_max is None else theta_max
     n_theta = max(int(np.ceil(theta_max / theta_step - 1e-6)), 1) + 1
@@ -122,10 +127,16 @@ def resample_dense(
     phi = 2.0 * np.pi / n_phi * np.arange(n_phi)
     values: np.ndarray = np.empty((n_theta, n_theta, n_phi, n_phi, 3), dtype=dtype)
     directions = to_vector(elevations[:, None], phi[None, :])  # (n_theta, n_phi, 3)
-    for row in range(n_theta):
-        for column in range(n_theta):
-            wi, wv = directions[row][:, None, :], directions[column][None, :, :]
-            values[row, column] = evaluate(reflectance, wi, wv, float_type)
+    rows, columns = np.indices((n_theta, n_theta)).reshape(2, -1)
+    if reflectance.reciprocal:
+        rows, columns = np.triu_indices(n_theta)
+    for done, (row, column) in enumerate(zip(rows, columns, strict=True), start=1):
+        wi, wv = directions[row][:, None, :], directions[column][None, :, :]
+        values[row, column] = evaluate(reflectance, wi, wv, float_type)
+        if reflectance.reciprocal:
+            values[column, row] = values[row, column].swapaxes(0, 1)
+        if progress is not None:
+            progress(done, len(rows))
     reciprocal = True if reflectance.reciprocal else None
     return DenseTable(values, theta_step, theta_max, reciprocal=reciprocal, name=reflectance.name)
 

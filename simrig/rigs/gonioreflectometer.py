@@ -227,16 +227,11 @@ class Gonioreflectometer:
             SimrigError: as ``measure_list``.
         """
         once = reflectance.reciprocal if reciprocal is None else reciprocal
-        count = len(scheme)
-        first, second = (
-            np.triu_indices(count) if once else np.indices((count, count)).reshape(2, -1)
-        )
-        angles = (scheme.theta[first], scheme.theta[second], scheme.phi[first], scheme.phi[second])
         pairs = "each unordered pair once" if once else "all ordered pairs"
         return self.measure_list(
             reflectance,
-            np.stack(angles, axis=1),
-            plan=f"scheme {scheme.name}, {count} directions, {pairs}",
+            scheme.pair_angles(once),
+            plan=f"scheme {scheme.name}, {len(scheme)} directions, {pairs}",
             checkpoint=checkpoint,
             progress=progress,
         )

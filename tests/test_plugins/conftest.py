@@ -15,8 +15,10 @@ from scipy import stats
 
 from simrig.arrays import Array, components, vector, where_colour
 from simrig.directions import to_vector
+from simrig.directions.schemes import scheme
 from simrig.reconstruction.slices import reconstruct
 from simrig.reflectance.analytic import Kurt, KurtLobe, Lambert, Ward
+from simrig.reflectance.barycentric import BarycentricReflectance
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.kurt_materials import kurt_material
 from simrig.reflectance.protocol import Reflectance, above_horizon
@@ -50,6 +52,14 @@ def small_table(seed: int = 7) -> DenseTable:
     return DenseTable(values, np.radians(30.0), name="small table")
 
 
+def barycentric(seed: int = 7) -> BarycentricReflectance:
+    """Return random values, not reciprocal, on the sparsest uniform scheme."""
+    directions = scheme("uniform_1")
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(0.02, 0.4, (len(directions), len(directions), 3)).astype(np.float32)
+    return BarycentricReflectance(directions.theta, directions.phi, values)
+
+
 @cache
 def slices(seed: int = 1) -> SliceReflectance:
     """Return a coarse reconstruction of a built-in material, for example number 1."""
@@ -68,6 +78,7 @@ REFLECTANCES: dict[str, Callable[[], Reflectance]] = {
     "lambert": Lambert,
     "one_way": OneWay,
     "table": small_table,
+    "barycentric": barycentric,
     "slices": slices,
     "ward": lambda: Ward(m_x=0.1, m_y=0.4),
     "brushed_aluminium": lambda: kurt_material("brushed_aluminium"),

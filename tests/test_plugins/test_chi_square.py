@@ -14,7 +14,7 @@ OFF_POLE_DEG = ((20.0, 200.0), (60.0, 45.0), (85.0, 110.0))
 
 
 @pytest.mark.parametrize("view_deg", VIEWS_DEG)
-@pytest.mark.parametrize("name", ["lambert", "table", "slices", "ward", "fabric112"])
+@pytest.mark.parametrize("name", ["lambert", "table", "barycentric", "slices", "ward", "fabric112"])
 def test_samples_follow_the_density(name, view_deg, reflectance, tools, variant_llvm):
     bsdf = make_bsdf(reflectance(name), rotation_deg=20.0)
     test, accepted = tools.chi_square(bsdf, tools.direction(*view_deg))

@@ -1,0 +1,118 @@
+"""``simrig measure --scheme``: which list of directions is meant, and how it is measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simrig.cli import effect_options, frame
+from simrig.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.directions.schemes import HemisphereScheme
+    from simrig.effects import Overrides, Plan, Tolerance
+    from simrig.reflectance import Reflectance
+    from simrig.rigs.gonioreflectometer import Gonioreflectometer
+
+_MOST_PROBED = 10_000  # directions at which the effects of the rig are bounded
+
+
+def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> HemisphereScheme:
+    """Return the directions that ``--scheme`` names.
+
+    Args:
+        name: ``1`` to ``30``, a name of ``simrig.directions.schemes``, ``uniform`` (the densest
+            of the thirty for the samples) or ``regular`` (a regular grid for the samples).
+        samples: for ``uniform`` and ``regular``; 8911 if not given.
+        theta_max_deg: for ``regular``.
+
+    Raises:
+        SimrigError: an unknown name, samples given with a scheme that has its own number, or
+            too few samples.
+    """
+    from simrig.directions.schemes import SCHEMES, scheme, uniform_scheme
+    from simrig.errors import unknown_name
+    from simrig.sampling.uniform import largest_uniform_scheme, uniform_plan
+
+    if name == "uniform":
+        return largest_uniform_scheme(samples or 8911)
+    if name == "regular":
+        return uniform_plan(samples or 8911, float(np.radians(theta_max_deg))).scheme()
+    if samples is not None:
+        raise SimrigError(
+            f"scheme '{name}' has its own number of samples: leave out --samples, or ask for "
+            "--scheme uniform or regular"
+        )
+    if name.isdecimal():
+        return uniform_scheme(int(name))
+    if name not in SCHEMES:
+        raise unknown_name("scheme", name, (*SCHEMES, "uniform", "regular"))
+    return scheme(name)
+
+
+def measure_scheme(
+    reflectance: Reflectance,
+    rig: Gonioreflectometer,
+    scheme: HemisphereScheme,
+    output: Path,
+    checkpoint: Path,
+    effects: tuple[Tolerance, Overrides] | None,
+) -> frame.Report:
+    """Measure a scheme into a file and report it.
+
+    Args:
+        reflectance: the material.
+        rig: without effects.
+        scheme: the directions.
+        output, checkpoint: where the result goes, and what was measured so far.
+        effects: tolerance and overrides that choose the rig's effects; None for an ideal rig.
+    """
+    from simrig.rigs.planning import with_plan
+
+    plan = None
+    if effects is not None:
+        plan = _planned(reflectance, rig, scheme, *effects)
+        rig = with_plan(rig, plan)
+    with frame.progress(f"measuring {reflectance.name}") as report:
+        measurement = rig.measure_scheme(
+            reflectance, scheme, checkpoint=checkpoint, progress=report
+        )
+    measurement.save(output)
+    cost = measurement.cost
+    shown: list[Any] = [
+        f"{output}: {cost.samples} samples of {measurement.material}, "
+        f"{measurement.provenance['plan']}",
+        f"cost: {cost.hardware_hours:.1f} h of simulated hardware, "
+        f"{cost.compute_seconds:.2f} s of computing",
+    ]
+    if plan is not None and effects is not None:
+        shown.append(effect_options.plan_table(plan, f"effects at {effects[0]}"))
+    return frame.Report(
+        data={
+            "output": output,
+            "material": measurement.material,
+            "scheme": scheme.name,
+            "directions": len(scheme),
+            "cost": cost.as_dict(),
+            "provenance": dict(measurement.provenance),
+            "plan": plan.as_dict() if plan else None,
+        },
+        shown=shown,
+    )
+
+
+def _planned(
+    reflectance: Reflectance,
+    rig: Gonioreflectometer,
+    scheme: HemisphereScheme,
+    tolerance: Tolerance,
+    overrides: Overrides,
+) -> Plan:
+    """Bound the effects at the scheme's pairs, at every so many of them where there are many."""
+    from simrig.rigs.effects import plan_directions
+
+    angles = scheme.pair_angles(reflectance.reciprocal)
+    probed = angles[:: -(-len(angles) // _MOST_PROBED)]
+    return plan_directions(reflectance, rig.instrument, tolerance, probed, overrides, len(angles))
