@@ -101,8 +101,8 @@ def tile_scene(
     """Return several periods of a material under oblique light.
 
     An orthographic camera looks from the front (−y), with x to the right. The main light brings
-    a white diffuser that faces it to radiance 1. A second one, 0.3 times as strong, stands near
-    the mirror direction of the view and shows the gloss; a dim sky comes from everywhere.
+    a white diffuser that faces it to radiance 1; a second one, 0.3 times as strong, stands
+    opposite (as in thesis section B.2), and a dim sky is all around.
 
     Args:
         tile: the material.
@@ -124,7 +124,7 @@ def tile_scene(
     steepest = min(max(theta_v_deg, light_deg[0]), _STEEPEST_DEG)
     scene: dict[str, Any] = {"type": "scene"}
     scene |= tile_shapes(tile, periods_for(tile, (width, deep), steepest))
-    lights = {"main": (1.0, light_deg), "second": (0.3, (theta_v_deg + 15.0, 60.0))}
+    lights = {"main": (1.0, light_deg), "second": (0.3, (light_deg[0], light_deg[1] + 180.0))}
     for name, (strength, (theta, phi)) in lights.items():
         scene[name] = {
             "type": "directional",

@@ -52,8 +52,9 @@ class Nonwoven:
         sizes = (*self.size_mm, self.radius, self.length, self.coverage, self.thickness, self.clump)
         if not min(*sizes, self.bond or 1.0) > 0.0:
             raise SimrigError("a non-woven needs sizes and a coverage > 0")
-        for side in self.size_mm if self.bond else ():
-            if abs(side / self.bond - round(side / self.bond)) > 1e-6:
+        for side in self.size_mm:
+            bonds = 1.0 if self.bond is None else side / self.bond
+            if abs(bonds - round(bonds)) > 1e-6:
                 raise SimrigError(f"bonds every {self.bond:g} mm do not repeat after {side:g} mm")
 
     @property
