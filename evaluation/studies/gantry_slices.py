@@ -123,7 +123,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     shown = Table(title="PSNR in dB / SSIM (samples, minutes)")
     shown.add_column("slices")
     for name in names:
-        shown.add_column(f"{name} elevations\n{', '.join(f'{t:g}°' for t in ELEVATIONS[name])}")
+        shown.add_column(_degrees(name))
     cases = sorted({(m["slices"], m["combination"] == "corners") for m in summary["means"]})
     for count, corners in cases:
         own = {
@@ -135,6 +135,10 @@ def table(summary: Mapping[str, Any]) -> Any:
         shown.add_row(label + ("" if corners else ", sum"), *(_text(own[name]) for name in names))
     published = [f"published: {claim}" for claim in summary["published_claims"]]
     return Group(shown, f"means over {', '.join(summary['materials'])}", *published)
+
+
+def _degrees(name: str) -> str:
+    return ", ".join(f"{theta:g}" for theta in ELEVATIONS[name]) + "°"
 
 
 def _text(mean: Mapping[str, Any]) -> str:
@@ -159,7 +163,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     panels[2].set_yscale("log")
     panels[3].set_yscale("log")
     handles, texts = panels[0].get_legend_handles_labels()
-    figure.legend(handles, texts, loc="outside lower center", ncols=5, frameon=False)
+    figure.legend(handles, texts, loc="outside lower center", ncols=3, frameon=False)
     finish_figure(figure, folder / "slices.png")
     return [folder / "slices.png"]
 
@@ -177,7 +181,7 @@ def _curve(panel: Any, means: list[Mapping[str, Any]], value: str, number: int) 
         color=colour,
         marker=MARKERS[number % len(MARKERS)],
         markerfacecolor="white",
-        label=f"{means[0]['elevations']} elevations",
+        label=_degrees(means[0]["elevations"]),
     )
     for mean in means:
         if mean["combination"] == "sum":

@@ -138,7 +138,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     panel.axvline(summary["published"]["psnr"], color="0.6", linestyle="--", label="MERL, mean")
     panel.set_yticks(range(len(names)), [Path(name).stem for name in names])
     panel.set_xlabel("PSNR [dB]  (higher is better)")
-    panel.legend(frameon=False)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
     finish_figure(figure, folder / "isotropic.png")
     return [folder / "isotropic.png"]
 

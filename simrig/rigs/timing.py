@@ -1,8 +1,8 @@
 """How long the simulated hardware takes, fitted to the figures of the thesis.
 
-The UTIA gonioreflectometer: 6,561 images take about
-18 h (section 4.1); 8,911 and 18,721 adaptive samples take about 25 h and 51 h, some 10 % more
-than the same number of uniform samples (section 5.5.3). The gantry: see below.
+The UTIA gonioreflectometer: 6,561 images take about 18 h (section 4.1); 8,911 and 18,721 adaptive
+samples take about 25 h and 51 h, some 10 % more than the same number of uniform samples (section
+5.5.3). The gantry: eight slices take 6 min (section 6.2.2), and what section 6.4.4 expects.
 """
 
 from __future__ import annotations
