@@ -6,6 +6,7 @@ from simrig.evaluation.studies import (
     gantry_elevations,
     gantry_methods,
     gantry_slices,
+    improved,
     isotropic_measured,
     placement,
     plan_validation,
@@ -21,6 +22,7 @@ STUDIES: dict[str, Study] = {
         gantry_elevations.STUDY,
         gantry_slices.STUDY,
         gantry_methods.STUDY,
+        improved.STUDY,
         isotropic_measured.STUDY,
         plan_validation.STUDY,
     )

@@ -1,6 +1,6 @@
 """Validation of the planner: planned renders against converged ones with every effect.
 
-All scenes, three of them built as traps, over five materials and four tolerances. A row compares
+All scenes, four of them built as traps, over five materials and four tolerances. A row compares
 one render by plan with the picture that has everything on and is rendered until its noise is small
 (or its share of the time is spent). ``met`` says whether the mean ΔE of the planned render is
 within the tolerance with all noise included, its own and that of the reference; it is None where
@@ -44,6 +44,9 @@ SCENE_OPTIONS: dict[str, dict[str, Any]] = {
     "mirror_neighbour": {},
     "bright_corner": {},
     "hidden_light": {},
+    "hidden_sun": {},
+    "environment_map": {},
+    "map_spheres": {},
 }
 MATERIALS = ("lambert", "ward", "yellow_satin", "fabric002", "brushed_aluminium")
 TOLERANCES = (0.2, 0.5, 1.0, 2.0)  # mean ΔE
