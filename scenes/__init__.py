@@ -5,10 +5,11 @@ if __name__ != "simrig.scenes":  # a second copy of the modules would be made
 
 from simrig.scenes.latlong import builtin_environment
 from simrig.scenes.lights import DirectionalLights
+from simrig.scenes.maps import environment_map, map_spheres
 from simrig.scenes.median_cut import median_cut
 from simrig.scenes.registry import SCENES, SceneEntry, build_scene
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
-from simrig.scenes.traps import bright_corner, hidden_light, mirror_neighbour
+from simrig.scenes.traps import bright_corner, hidden_light, hidden_sun, mirror_neighbour
 
 __all__ = [
     "SCENES",
@@ -18,9 +19,12 @@ __all__ = [
     "build_scene",
     "builtin_environment",
     "cylinder",
+    "environment_map",
     "environment_sphere",
     "four_spheres",
     "hidden_light",
+    "hidden_sun",
+    "map_spheres",
     "median_cut",
     "mirror_neighbour",
     "sphere",

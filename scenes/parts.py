@@ -149,3 +149,12 @@ def all_lights() -> dict:
     if "scalar" in str(mi.variant()):
         return direct()
     return {"type": "simrig_all_lights", "shadows": False}
+
+
+def everything(hide_emitters: bool = True) -> dict:
+    """Return the integrator of scenes where more than direct light counts: all orders, shadows.
+
+    Args:
+        hide_emitters: keep lights, an environment map among them, out of the camera's sight.
+    """
+    return {"type": "path", "max_depth": -1, "hide_emitters": hide_emitters}

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from simrig.errors import unknown_name
+from simrig.scenes.maps import environment_map, map_spheres
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
-from simrig.scenes.traps import bright_corner, hidden_light, mirror_neighbour
+from simrig.scenes.traps import bright_corner, hidden_light, hidden_sun, mirror_neighbour
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,9 @@ SCENES: dict[str, SceneEntry] = {
     "mirror_neighbour": _entry(mirror_neighbour, "sphere beside a shiny one (inter-reflection)"),
     "bright_corner": _entry(bright_corner, "wall in a corner with a bright one (inter-reflection)"),
     "hidden_light": _entry(hidden_light, "plate under a low lamp behind a blocker (shadows)"),
+    "hidden_sun": _entry(hidden_sun, "plate under a map with a low sun behind a blocker (shadows)"),
+    "environment_map": _entry(environment_map, "sphere under an environment map, seen behind it"),
+    "map_spheres": _entry(map_spheres, "two spheres apart under an environment map"),
 }
 
 

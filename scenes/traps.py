@@ -13,7 +13,17 @@ from typing import Any
 import numpy as np
 
 from simrig.errors import SimrigError
-from simrig.scenes.parts import MARGIN, ball, camera, lamp, lamp_position, share, transform
+from simrig.scenes.maps import envmap, sun_map
+from simrig.scenes.parts import (
+    MARGIN,
+    ball,
+    camera,
+    everything,
+    lamp,
+    lamp_position,
+    share,
+    transform,
+)
 
 BALL_RADIUS = 28.0  # mm; both spheres of ``mirror_neighbour``
 WALL_WIDTH = 80.0  # mm; each wall of ``bright_corner``, as high as it is wide
@@ -145,11 +155,55 @@ def hidden_light(
     """
     if not 0.0 < light_elevation_deg <= 90.0:
         raise SimrigError(f"the lamp stands 0 to 90 degrees up, got {light_elevation_deg:g}")
-    if not 0.0 < blocker_height < np.inf:
-        raise SimrigError(f"the blocker must be more than 0 mm high, got {blocker_height:g}")
     half = PLATE_WIDTH / 2.0
     corner = half * np.sqrt(2.0) + blocker_height  # nothing of the scene is further out
     position = lamp_position(90.0 - light_elevation_deg, 0.0, light_distance, corner)
+    light = lamp(position, _diffuser_distance(position, half))
+    return _behind_blocker(bsdf, resolution, blocker_height, pixel_centres, light)
+
+
+def hidden_sun(
+    bsdf: Any,
+    resolution: int = 64,
+    sun_elevation_deg: float = 6.0,
+    sun_radius_deg: float = 2.0,
+    blocker_height: float = 5.0,
+    sky: float = 0.05,
+    pixel_centres: bool = False,
+) -> dict:
+    """Return the plate and blocker of ``hidden_light`` under a map with a low sun in a dim sky.
+
+    Of the sky the blocker hides next to nothing, of the light that a quarter of the plate gets
+    nearly all. Few directional lights that stand for the map give the long shadow a hard edge. A
+    white diffuser in the sun has radiance 1 plus that of the sky.
+
+    Args:
+        bsdf: a Mitsuba BSDF or its dictionary, of the plate, which faces the camera.
+        resolution: width and height of the picture in pixels.
+        sun_elevation_deg: of the sun above the plane of the plate, above 0, at most 90.
+        sun_radius_deg: of the sun, at least 1.
+        blocker_height: above the plate, in mm.
+        sky: radiance of the sky.
+        pixel_centres: see ``mirror_neighbour``.
+
+    Raises:
+        SimrigError: a sun that is not above the plate or too small, or no blocker.
+    """
+    if not 0.0 < sun_elevation_deg <= 90.0:
+        raise SimrigError(f"the sun stands 0 to 90 degrees up, got {sun_elevation_deg:g}")
+    if not 1.0 <= sun_radius_deg < 90.0:
+        raise SimrigError(f"the sun must be 1 to 90 degrees in radius, got {sun_radius_deg:g}")
+    light = envmap(sun_map(sun_elevation_deg, sun_radius_deg, sky))
+    return _behind_blocker(bsdf, resolution, blocker_height, pixel_centres, light)
+
+
+def _behind_blocker(
+    bsdf: Any, resolution: int, height: float, pixel_centres: bool, light: dict
+) -> dict:
+    """Return a plate that faces the camera, with a low blocker between its middle and a light."""
+    if not 0.0 < height < np.inf:
+        raise SimrigError(f"the blocker must be more than 0 mm high, got {height:g}")
+    half = PLATE_WIDTH / 2.0
     entries, material = share(bsdf, "material")
     return {
         "type": "scene",
@@ -162,14 +216,9 @@ def hidden_light(
             "to_world": transform().scale([half, half, 1.0]),
             "bsdf": material,
         },
-        "blocker": _blocker(blocker_height, {"type": "ref", "id": "dark"}),
-        "light": lamp(position, _diffuser_distance(position, half)),
+        "blocker": _blocker(height, {"type": "ref", "id": "dark"}),
+        "light": light,
     }
-
-
-def everything() -> dict:
-    """Return the integrator of these scenes: all orders of inter-reflection, with shadows."""
-    return {"type": "path", "max_depth": -1, "hide_emitters": True}
 
 
 def _wall(side: float, material: dict) -> dict:

@@ -220,8 +220,12 @@ def decide_environment(
     why = _kept_by(subject, on)
     if why:
         return _replaced(decisions, on=True, why=why), None
-    others = (d for d in decisions if d.effect != ENVIRONMENT and not d.on and d.bound is not None)
-    room = max(allowed.amount - sum(d.bound.value for d in others), 0.0)
+    used = sum(
+        d.bound.value
+        for d in decisions
+        if d.effect != ENVIRONMENT and not d.on and d.bound is not None
+    )
+    room = max(allowed.amount - used, 0.0)
     choice = choose_lights(subject, allowed, noise, room, on["shadowing"])
     fits = choice.change <= room
     why = (

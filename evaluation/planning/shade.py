@@ -156,7 +156,7 @@ class _Sky:
         towards: (k, 3) unit vectors in world space.
         energy: (k, 3) radiance × solid angle.
         brightest: (k,) largest radiance of any channel within the pixel.
-        reach: half of the largest angle across a pixel.
+        reach: the angle from the middle of a pixel that its light comes from at most.
     """
 
     def __init__(self, emitter: Any, tests: int) -> None:
@@ -176,8 +176,8 @@ class _Sky:
         towards = latlong_directions(rows, columns).reshape(-1, 3) @ environment.turn.T
         self.towards, self.energy = towards[order], np.stack(parts, axis=1)[order]
         self.brightest = brightest[order]
-        # half a diagonal, and a pixel of the fine map that bilinear interpolation reaches into
-        self.reach = np.pi * (1.0 / rows + 2.0 / len(row))
+        # half a diagonal, and that of a fine pixel into which bilinear interpolation reaches
+        self.reach = np.pi * (np.sqrt(0.5) / rows + np.sqrt(2.0) / len(row))
 
 
 def _hidden_sky(

@@ -151,9 +151,14 @@ def _spectral_entries(entry: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _has_objects(entry: Mapping[str, Any]) -> bool:
-    """Return whether a dictionary holds Mitsuba objects, which belong to one variant."""
+    """Return whether a dictionary holds Mitsuba objects that belong to one variant.
+
+    Bitmaps belong to none.
+    """
     return any(
-        _has_objects(value) if _is_mapping(value) else hasattr(value, "variant_name")
+        _has_objects(value)
+        if _is_mapping(value)
+        else hasattr(value, "variant_name") and type(value).__name__ != "Bitmap"
         for value in entry.values()
     )
 
