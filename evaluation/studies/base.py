@@ -40,7 +40,7 @@ class Study:
         run_cell: returns the rows of one cell, plain values. A function of a module, since
             workers import it by name; it may be called again for the same cell.
         summarise: returns what the rows say, published beside ours, plain values. The rows come
-            in the order of the cells.
+            in the order of the cells, each with the values of its cell added.
         table: returns a summary as something that rich can print.
         plots: draws what a summary and its rows show into an existing folder, and returns the
             files.
