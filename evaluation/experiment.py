@@ -26,6 +26,7 @@ from simrig.evaluation.experiment_results import (
 )
 from simrig.evaluation.experiment_scenes import Studio
 from simrig.evaluation.experiment_subjects import Laboratory, Subject, largest_theta_deg, make_plans
+from simrig.evaluation.planning.experiments import check_plans
 from simrig.reflectance.protocol import Reflectance
 from simrig.rigs.measurement import fingerprint
 
@@ -56,6 +57,7 @@ def run_experiment(
         SimrigError: an experiment that cannot be carried out; nothing is measured then.
     """
     variant = backend.select(experiment.variant)
+    check_plans(experiment)
     truth = load_material(experiment.material)
     theta_max_deg = largest_theta_deg(truth, experiment.measurement.theta_max_deg)
     plans = make_plans(experiment.measurement, theta_max_deg)

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 from simrig.backend import VARIANTS
 from simrig.data.files import existing_file
-from simrig.effects import parse_tolerance
 from simrig.errors import SimrigError, unknown_name
 from simrig.evaluation.environment import BUILTIN
+from simrig.evaluation.experiment_rendering import USUAL_SPP, RenderingSettings
 from simrig.evaluation.experiment_schema import (
     Check,
     Section,
@@ -87,32 +87,6 @@ class ReconstructionSettings(Section):
 
 
 @dataclass(frozen=True)
-class RenderingSettings(Section):
-    """How pictures are made.
-
-    Attributes:
-        spp: samples per pixel; not used with a tolerance.
-        tolerance: plan each scene for it (``dE=0.5``, see ``simrig.evaluation.planning``) instead
-            of rendering it by its own integrator.
-        exposure: factor before a picture is shown, the same for all pictures of a scene; by
-            default what brings the bright parts of the reference near white.
-        difference_scale: s of the difference images 255 − s·|I1 − I2|.
-    """
-
-    section: ClassVar[str] = "rendering"
-
-    spp: int = setting(integer(1, 1 << 20), 16)
-    tolerance: str | None = setting(optional(text, "none"), None)
-    exposure: float | None = setting(optional(number(1e-6, 1e6), "auto"), None)
-    difference_scale: float = setting(number(0.1, 255.0), 10.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.tolerance is not None:
-            parse_tolerance(self.tolerance)
-
-
-@dataclass(frozen=True)
 class ComparisonSettings(Section):
     """How reflectances are compared.
 
@@ -152,7 +126,7 @@ class SceneSettings:
         if text("'name' in [[scenes]]", self.name) not in SCENES:
             raise unknown_name("scene", self.name, SCENES)
         defaults = dict(SCENES[self.name].options)
-        defaults["spp"] = 16
+        defaults["spp"] = USUAL_SPP
         if "lights" in defaults:
             defaults["environment"] = BUILTIN
         checked = {}
@@ -198,7 +172,7 @@ DEMO_SCENES = (
     SceneSettings("sphere", {"resolution": 256}),
     SceneSettings("four_spheres", {"columns": 2, "resolution": 384}),
     SceneSettings("cylinder", {"light": "top", "resolution": 128}),
-    SceneSettings("environment_sphere", {"lights": 256, "resolution": 256, "spp": 4}),
+    SceneSettings("environment_sphere", {"lights": 256, "resolution": 256}),
 )
 
 
@@ -221,7 +195,7 @@ class Experiment(Section):
     seed: int = setting(integer(0), 0)
     measurement: MeasurementSettings = MeasurementSettings()
     reconstruction: ReconstructionSettings = ReconstructionSettings()
-    rendering: RenderingSettings = RenderingSettings()
+    rendering: RenderingSettings = field(default_factory=RenderingSettings)
     comparison: ComparisonSettings = ComparisonSettings()
     scenes: tuple[SceneSettings, ...] = DEMO_SCENES
 
@@ -309,6 +283,8 @@ class Experiment(Section):
         """Return the settings as plain values, as they would stand in a TOML file."""
         values = asdict(self)
         values["measurement"]["samples"] = list(self.measurement.samples)
+        for key in ("force", "without"):
+            values["rendering"][key] = list(values["rendering"][key])
         values["scenes"] = [{"name": scene.name, **scene.options} for scene in self.scenes]
         return values
 
@@ -347,8 +323,13 @@ def demo_experiment(material: str | None = None) -> Experiment:
         SimrigError: neither a known material nor a file.
     """
     measurement = MeasurementSettings(slice_types=BOTH_SLICE_TYPES)
-    experiment = Experiment(material=material or DEMO_MATERIAL, measurement=measurement)
+    experiment = Experiment(
+        material=material or DEMO_MATERIAL,
+        measurement=measurement,
+        rendering=RenderingSettings(tolerance=DEMO_TOLERANCE),
+    )
     return experiment._found_beside(Path.cwd())
 
 
 DEMO_MATERIAL = "fabric112"
+DEMO_TOLERANCE = "dE=1"  # a dozen pictures of each scene: a fourth of the samples of the default

@@ -13,28 +13,12 @@ from simrig.evaluation import metrics, rendering
 from simrig.evaluation.comparison import compare_images
 from simrig.evaluation.experiment_config import Experiment, SceneSettings
 from simrig.evaluation.experiment_parts import Parts, Steps
-from simrig.evaluation.planning import plan_scene, planned_integrator
-from simrig.evaluation.planning.experiments import experiment_scene
+from simrig.evaluation.experiment_rendering import USUAL_SPP
+from simrig.evaluation.planning import planned_integrator
+from simrig.evaluation.planning.experiments import experiment_scene, plan_experiment_scene
 from simrig.reflectance.protocol import Reflectance
 
 TRUTH = "truth"
-
-
-def automatic_exposure(image: np.ndarray) -> float:
-    """Return the exposure with which a reference and what is compared with it are shown.
-
-    The bright parts come near white. Where a highlight would leave the body in the dark, it may
-    clip by up to 3 EV, as in a photograph, until the median pixel has a tenth of white.
-
-    Args:
-        image: (height, width, 3) linear RGB.
-
-    Raises:
-        SimrigError: the picture is black.
-    """
-    bright = rendering.display_exposure(image)
-    body = rendering.display_exposure(image, percentile=50.0, level=0.1)
-    return min(max(bright, body), 8.0 * bright)
 
 
 @dataclass(frozen=True)
@@ -72,7 +56,7 @@ class Studio:
             self._cache[TRUTH] = result.image
             exposure = self.experiment.rendering.exposure
             if exposure is None:
-                exposure = automatic_exposure(result.image)
+                exposure = rendering.automatic_exposure(result.image)
             files = self._write(TRUTH, result.image, exposure)
             height, width, _ = result.image.shape
             record = self.parts.put(
@@ -134,15 +118,22 @@ class Studio:
         return self._cache[TRUTH], about
 
     def _settings(self, truth: Reflectance) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return how all pictures of the scene are rendered, and the plan that says so."""
+        """Return how all pictures of the scene are rendered, and the plan that says so.
+
+        One plan, that of the truth, serves all of them with the same random numbers: noise that
+        the plan allows is alike in pictures that are compared.
+        """
         wanted = self.experiment.rendering
-        if wanted.tolerance is None:
-            spp = self.scene.options.get("spp", wanted.spp)
-            return {"spp": spp, "integrator": None}, None
+        spp = self.scene.options.get("spp", wanted.spp)
+        if not wanted.planned:
+            return {"spp": spp or USUAL_SPP, "integrator": None}, None
+        plan = plan_experiment_scene(self.experiment, self.scene, truth)
         scene = rendering.load(experiment_scene(self.scene, truth))
-        plan = plan_scene(scene, wanted.tolerance, exposure=wanted.exposure)
-        spp = self.scene.options.get("spp", plan.settings["spp"])
-        return {"spp": spp, "integrator": planned_integrator(scene, plan)}, plan.as_dict()
+        settings = {
+            "spp": spp or plan.settings["spp"],
+            "integrator": planned_integrator(scene, plan),
+        }
+        return settings, plan.as_dict()
 
     def _render(self, reflectance: Reflectance, settings: dict[str, Any]) -> rendering.RenderResult:
         scene = experiment_scene(self.scene, reflectance)

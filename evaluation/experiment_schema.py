@@ -56,6 +56,13 @@ def flag(where: str, value: Any) -> bool:
     return value
 
 
+def names(where: str, value: Any) -> tuple[str, ...]:
+    """Check a list of texts; returns a tuple."""
+    if not isinstance(value, list | tuple):
+        raise SimrigError(f"{where} must be a list of texts, got {value!r}")
+    return tuple(text(where, one) for one in value)
+
+
 def choice(names: Sequence[str]) -> Check:
     """Return the check for one of several names."""
 

@@ -22,6 +22,7 @@ __all__ = [
     "Clock",
     "ControlSamples",
     "RenderResult",
+    "automatic_exposure",
     "display_exposure",
     "load",
     "pixel_directions",
@@ -196,6 +197,23 @@ def display_exposure(image: np.ndarray, percentile: float = 99.0, level: float =
     if lit.size == 0:
         raise SimrigError("the picture is black: no exposure can show anything")
     return float(level / np.percentile(lit, percentile))
+
+
+def automatic_exposure(image: np.ndarray) -> float:
+    """Return the exposure with which a reference and what is compared with it are shown.
+
+    The bright parts come near white. Where a highlight would leave the body in the dark, it may
+    clip by up to 3 EV, as in a photograph, until the median pixel has a tenth of white.
+
+    Args:
+        image: (height, width, 3) linear RGB.
+
+    Raises:
+        SimrigError: the picture is black.
+    """
+    bright = display_exposure(image)
+    body = display_exposure(image, percentile=50.0, level=0.1)
+    return min(max(bright, body), 8.0 * bright)
 
 
 @dataclass

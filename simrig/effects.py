@@ -22,6 +22,7 @@ from simrig.errors import SimrigError, unknown_name
 
 # metric of a tolerance: the unit in which changes are bounded and add up
 UNITS = {"dE": "dE", "relative": "relative radiance", "psnr": "display rms"}
+DEFAULT_TOLERANCE = "dE=0.5"  # of whatever is planned and not told otherwise
 _PEAK = 255.0  # of displayed values, the scale of a PSNR
 
 

@@ -25,12 +25,13 @@ from simrig.evaluation.experiment_config import (
     SceneSettings,
     demo_experiment,
 )
-from simrig.evaluation.experiment_parts import LEDGER, Steps
+from simrig.evaluation.experiment_parts import LEDGER, Parts, Steps
 from simrig.evaluation.experiment_results import accuracy_versus_cost, total_costs
-from simrig.evaluation.experiment_scenes import automatic_exposure
+from simrig.evaluation.experiment_scenes import Studio
 from simrig.evaluation.experiment_subjects import SLICE_METHODS, largest_theta_deg, make_plans
 from simrig.evaluation.measured_half import MeasuredHalf
 from simrig.evaluation.mre import mre_exact
+from simrig.evaluation.rendering import automatic_exposure
 from simrig.reconstruction.regular_grid import reconstruct_regular_grid
 from simrig.reflectance import Lambert, kurt_material
 from simrig.reflectance.dense import DenseTable
@@ -68,7 +69,11 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
 def without_times(value: Any) -> Any:
     """Drop what differs from run to run: seconds, and when and where it was made."""
     if isinstance(value, dict):
-        kept = {k: v for k, v in value.items() if "seconds" not in k and k != "provenance"}
+        kept = {
+            k: v
+            for k, v in value.items()
+            if not re.search("seconds|cost_s|planning", k) and k != "provenance"
+        }
         return {k: without_times(v) for k, v in kept.items() if k != "pareto"}
     return [without_times(item) for item in value] if isinstance(value, list) else value
 
@@ -493,3 +498,57 @@ def test_measured_files(
     assert results["material"]["isotropic"] is isotropic
     assert results["material"]["reciprocal"] is reciprocal
     assert results["theta_max_deg"] <= results["material"]["theta_max_deg"] + 1e-3
+
+
+def studio(tmp_path: Path, rendering: RenderingSettings) -> Studio:
+    config = replace(SMALL, rendering=rendering)
+    (scene,) = config.scenes
+    (tmp_path / "pictures" / "sphere").mkdir(parents=True)
+    return Studio("sphere", scene, config, tmp_path, Parts(tmp_path, {}), Steps(1, None))
+
+
+@pytest.mark.usefixtures("variant_llvm")
+def test_noise_that_a_plan_allows_is_no_difference(tmp_path: Path) -> None:
+    """One plan and the same random numbers: what is rebuilt exactly has no error at all."""
+    made = studio(tmp_path, RenderingSettings(tolerance="dE=10"))
+    truth = kurt_material("fabric112")
+    reference = made.reference(truth)
+    assert reference["plan"]["tolerance"] == "dE=10"
+    assert reference["spp"] == reference["plan"]["settings"]["spp"] < 4
+    errors = made.reconstruction("same", "the same", truth)["errors"]
+    assert errors["delta_e"] == errors["flip"] == 0.0
+    assert made.reconstruction("black", "black", Lambert((0.01,) * 3))["errors"]["delta_e"] > 5.0
+
+
+@pytest.mark.usefixtures("variant_llvm")
+def test_effects_of_an_experiment_can_be_decided(tmp_path: Path) -> None:
+    forced = studio(tmp_path / "all", RenderingSettings(everything=True, without=("shadowing",)))
+    plan = forced.reference(Lambert())["plan"]
+    on = {entry["effect"]: entry["on"] for entry in plan["effects"]}
+    assert on["bsdf-sampling"] and not on["shadowing"] and not on["inter-reflection"]
+    unplanned = studio(tmp_path / "none", RenderingSettings(tolerance="none"))
+    reference = unplanned.reference(Lambert())
+    assert (reference["plan"], reference["spp"]) == (None, 16)
+
+
+def test_effects_that_there_are_not_are_refused_before_anything_is_measured(
+    tmp_path: Path,
+) -> None:
+    wrong = replace(SMALL, rendering=RenderingSettings(force=("shadow",)))
+    with pytest.raises(SimrigError, match="did you mean 'shadowing'"):
+        run_experiment(wrong, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(SimrigError, match="both forced and left out"):
+        RenderingSettings(force=("spectral",), without=("spectral",))
+
+
+def test_settings_of_rendering_are_read_again_as_they_were(tmp_path: Path) -> None:
+    for rendering in (
+        RenderingSettings(),
+        RenderingSettings(tolerance="none", spp=3),
+        RenderingSettings(tolerance="psnr=40", force=("shadowing",), without=("spectral",)),
+    ):
+        experiment = replace(SMALL, rendering=rendering)
+        path = tmp_path / "experiment.toml"
+        path.write_text(experiment.to_toml())
+        assert Experiment.from_toml(path) == experiment

@@ -119,7 +119,7 @@ def test_the_report_of_one_set_of_slices_without_baseline_and_exact_errors(tmp_p
     run_experiment(plain_one, tmp_path)
     text = " ".join(Reader((tmp_path / "report.html").read_text()).text.split())
     assert "±" in text
-    assert "exact" not in text.replace("exact = false", "")
+    assert ", exact" not in text and "exact figures" not in text
     assert "egular grid" not in text
     assert "Axial and diagonal slices, 700 samples" in text
     assert "Which slices?" not in text
@@ -182,3 +182,10 @@ def test_scene_titles() -> None:
     options = {"lights": 16, "environment": "maps/grace.exr"}
     title = scene_title({"name": "environment_sphere", "options": options})
     assert title == "Environment sphere, 16 directional lights, grace"
+
+
+def test_the_report_shows_what_the_pictures_simulate(report: str) -> None:
+    text = " ".join(Reader(report).text.split())
+    assert "What all pictures of this scene simulate, planned for dE=0.5" in text
+    for shown in ("inter-reflection", "one convex body: no point sees another", "anti-aliasing"):
+        assert shown in text

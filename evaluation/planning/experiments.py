@@ -6,28 +6,56 @@ from typing import Any
 
 from simrig.data.load import load_material
 from simrig.effects import Plan
+from simrig.errors import SimrigError
 from simrig.evaluation.environment import BUILTIN, environment_lights
 from simrig.evaluation.experiment_config import Experiment, SceneSettings
-from simrig.evaluation.planning.planner import plan_scene
+from simrig.evaluation.planning.planner import checked_overrides, plan_scene
+from simrig.evaluation.rendering import automatic_exposure
 from simrig.plugins import make_bsdf
 from simrig.reflectance.protocol import Reflectance
 from simrig.scenes import build_scene
 
 
-def plan_experiment(config: Experiment, **options: Any) -> dict[str, Plan]:
+def plan_experiment(config: Experiment) -> dict[str, Plan]:
     """Return a plan for each scene of an experiment, with the experiment's material on it.
 
-    Args:
-        config: the experiment; a Mitsuba variant must be selected.
-        options: of ``plan_scene``. The exposure is the experiment's where it sets one.
+    A Mitsuba variant must be selected.
+
+    Raises:
+        SimrigError: the experiment is not to be planned, or what ``plan_scene`` refuses.
     """
+    if not config.rendering.planned:
+        raise SimrigError('the experiment says tolerance = "none": give --tolerance to plan it')
     truth = load_material(config.material)
-    if config.rendering.exposure is not None:
-        options["exposure"] = config.rendering.exposure
     return {
-        key: plan_scene(experiment_scene(settings, truth), **options)
+        key: plan_experiment_scene(config, settings, truth)
         for key, settings in config.keyed_scenes.items()
     }
+
+
+def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Reflectance) -> Plan:
+    """Return the plan of one scene, by which all of its pictures are made.
+
+    Args:
+        config: the experiment, whose rendering is planned.
+        settings: the scene.
+        truth: what is on it.
+    """
+    wanted = config.rendering
+    return plan_scene(
+        lambda: experiment_scene(settings, truth),
+        wanted.tolerance,
+        force=wanted.force,
+        without=wanted.without,
+        everything=wanted.everything,
+        exposure=wanted.exposure or automatic_exposure,
+    )
+
+
+def check_plans(config: Experiment) -> None:
+    """Raise SimrigError where an experiment decides about effects that there are not."""
+    wanted = config.rendering
+    checked_overrides(wanted.force, wanted.without, wanted.everything)
 
 
 def experiment_scene(settings: SceneSettings, reflectance: Reflectance) -> dict[str, Any]:

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from simrig import backend
 from simrig.effects import Decision, Overrides, Plan, Tolerance, decide, parse_tolerance
 from simrig.errors import SimrigError
@@ -46,7 +48,7 @@ def plan_scene(
     without: Iterable[str] = (),
     everything: bool = False,
     variant: str = "auto",
-    exposure: float | None = None,
+    exposure: float | Callable[[np.ndarray], float] | None = None,
 ) -> Plan:
     """Return which effects a picture of a scene calls for, and the settings that follow.
 
@@ -58,8 +60,8 @@ def plan_scene(
             ``simrig.effects.Overrides``.
         variant: in which the picture will be rendered; spectral ones replace it where the scene
             calls for them.
-        exposure: of the display on which the tolerance is meant; by default that at which the
-            picture shows well (``rendering.display_exposure``).
+        exposure: of the display on which the tolerance is meant, or a function that tells it from
+            a picture; by default ``rendering.display_exposure``.
 
     Returns:
         The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
@@ -70,9 +72,7 @@ def plan_scene(
             that contradict each other.
     """
     tolerance = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
-    overrides = Overrides(tuple(force), tuple(without), everything)
-    overrides.check(EFFECT_NAMES)
-    _check_paths(overrides)
+    overrides = checked_overrides(force, without, everything)
     source = scene_source_in(scene, variant)
     first_variant = backend.current()
     try:
@@ -181,13 +181,23 @@ def _known(overrides: Overrides, effects: Iterable[Any]) -> Overrides:
     )
 
 
-def _check_paths(overrides: Overrides) -> None:
+def checked_overrides(
+    force: Iterable[str] = (), without: Iterable[str] = (), everything: bool = False
+) -> Overrides:
+    """Return what the user decided about the effects of a scene.
+
+    Raises:
+        SimrigError: an unknown effect, or decisions that contradict each other.
+    """
+    overrides = Overrides(tuple(force), tuple(without), everything)
+    overrides.check(EFFECT_NAMES)
     if "inter-reflection" in overrides.force:
         for needed in _NEEDED_BY_PATHS:
             if needed in overrides.without:
                 raise SimrigError(
                     f"inter-reflection cannot be simulated without {needed}: leave out both or none"
                 )
+    return overrides
 
 
 def _check_possible(subject: SceneSubject, overrides: Overrides) -> None:

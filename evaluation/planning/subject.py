@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -35,10 +36,14 @@ class SceneSubject:
         source: where the scene comes from.
         scene: the scene, loaded in the current variant.
         survey: its bodies and lights.
-        exposure: of the display; that of ``rendering.display_exposure`` by default.
+        exposure: of the display; ``rendering.display_exposure`` of the picture by default.
     """
 
-    def __init__(self, source: SceneSource, exposure: float | None = None) -> None:
+    def __init__(
+        self,
+        source: SceneSource,
+        exposure: float | Callable[[np.ndarray], float] | None = None,
+    ) -> None:
         self.source = source
         self.scene = rendering.load(source.build())
         if not self.scene.sensors():
@@ -65,10 +70,11 @@ class SceneSubject:
     @cached_property
     def exposure(self) -> float:
         """The factor from radiance to displayed values."""
-        if self._exposure is not None:
-            return self._exposure
+        if isinstance(self._exposure, float | int):
+            return float(self._exposure)
+        chosen = self._exposure or rendering.display_exposure
         picture = self.look.picture
-        return rendering.display_exposure(picture[:, None]) if picture.any() else 1.0
+        return chosen(picture[:, None]) if picture.any() else 1.0
 
     def display(self, tolerance: Tolerance) -> Display:
         """Return what measures changes of the picture in the unit of a tolerance."""

@@ -39,8 +39,9 @@ _POINTS_PER_PIXEL = 4  # at which the bound is taken; it varies little within a 
 # what the samples missed.
 _ALBEDO_SAFETY, _PEAK_SAFETY, _RADIANCE_SAFETY = 1.05, 2.0, 2.0
 _NO_LIGHT = 1e-12
-# 1/sr; a lobe of this peak fills about 3/4096 of the hemisphere, which 4096 pairs just find
-_NARROW_PEAK = 200.0
+# 1/sr, of a peak over its albedo; such a lobe fills 3/4096 of the hemisphere, which 4096 pairs
+# just find
+_NARROW = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +172,8 @@ def narrow_highlights(survey: Survey, surfaces: SurfaceLook) -> np.ndarray:
     """
     bodies = survey.bodies
     peak = _largest(surfaces.smooth_peak, surfaces, bodies)
-    narrow = peak.max(axis=1, keepdims=True) > _NARROW_PEAK
+    lobe = surfaces.smooth_peak / np.maximum(surfaces.albedo, _NO_LIGHT)
+    narrow = _largest(lobe, surfaces, bodies).max(axis=1, keepdims=True) > _NARROW
     if not (survey.delta_lights and narrow.any()):
         return np.zeros_like(peak)
     return np.where(narrow, _PEAK_SAFETY * peak * _brightest_irradiance(survey), 0.0)

@@ -12,16 +12,20 @@ import typer
 from typer.core import TyperCommand
 
 from simrig.cli import frame
+from simrig.effects import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
 if TYPE_CHECKING:
     from simrig.effects import Plan
+    from simrig.evaluation.experiment_config import Experiment
 
 _FORCE, _SIMULATE = "--force", "--simulate"
 
-DEFAULT_TOLERANCE = "dE=0.5"
 Tolerance = Annotated[
     str | None,
-    typer.Option(help="How far from simulating everything: dE=0.5, psnr=45, relative=0.01."),
+    typer.Option(
+        help="How far from simulating everything: dE=0.5, psnr=45, relative=0.01 "
+        f"({DEFAULT_TOLERANCE} unless something else says so)."
+    ),
 ]
 Simulate = Annotated[
     list[str] | None,
@@ -72,6 +76,26 @@ def _known_effects() -> tuple[str, ...]:
     from simrig.rigs.effects import RIG_EFFECT_NAMES
 
     return (*EFFECT_NAMES, *RIG_EFFECT_NAMES)
+
+
+def experiment_with(
+    config: Experiment,
+    tolerance: str | None,
+    simulate: list[str] | None,
+    without: list[str] | None,
+    everything: bool,
+) -> Experiment:
+    """Return an experiment with what the command line says in the place of its own settings."""
+    from dataclasses import replace
+
+    said: dict[str, Any] = {
+        "tolerance": tolerance,
+        "force": tuple(simulate or ()),
+        "without": tuple(without or ()),
+        "everything": everything,
+    }
+    changed = {key: value for key, value in said.items() if value}
+    return replace(config, rendering=replace(config.rendering, **changed)) if changed else config
 
 
 def plan_table(plan: Plan, title: str = "") -> Any:

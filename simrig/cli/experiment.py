@@ -23,8 +23,8 @@ _Force = Annotated[
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
-    frame.command(app)(demo)
-    frame.command(app)(run)
+    frame.command(app, cls=effect_options.ForcesEffects)(demo)
+    frame.command(app, cls=effect_options.ForcesEffects)(run)
 
 
 def demo(
@@ -32,17 +32,25 @@ def demo(
         str | None, typer.Option(help="A built-in material or a material file.")
     ] = None,
     output: _Output = Path("output/demo"),
+    tolerance: effect_options.Tolerance = None,
+    simulate: effect_options.Simulate = None,
+    without: effect_options.Without = None,
+    everything: effect_options.Everything = False,
     variant: _Variant = None,
     force: _Force = False,
 ) -> frame.Report:
     """Measure, reconstruct, render and compare one material, and write a report.
 
     The folder holds pictures (EXR and PNG), the measurement (HDF5), results.json and report.html,
-    which is one file and needs nothing else. After Ctrl-C the same command goes on.
+    which is one file and needs nothing else. After Ctrl-C the same command goes on. What the
+    pictures simulate follows from the tolerance, see 'simrig plan'.
     """
     from simrig.evaluation.experiment_config import demo_experiment
 
-    return _experiment(demo_experiment(material), output, variant, force)
+    config = effect_options.experiment_with(
+        demo_experiment(material), tolerance, simulate, without, everything
+    )
+    return _experiment(config, output, variant, force)
 
 
 def run(
@@ -51,28 +59,33 @@ def run(
         Path | None, typer.Option(help="The folder for the results; output/NAME else.")
     ] = None,
     tolerance: effect_options.Tolerance = None,
+    simulate: effect_options.Simulate = None,
+    without: effect_options.Without = None,
+    everything: effect_options.Everything = False,
     variant: _Variant = None,
     force: _Force = False,
 ) -> frame.Report:
     """Run an experiment: as 'demo', with every setting from a TOML file.
 
-    With a tolerance, here or in the file, every scene is planned (see 'simrig plan').
+    Every scene is planned for the tolerance that is given here or in the file (see 'simrig plan').
     """
     from simrig.evaluation.experiment_config import Experiment
 
-    config = Experiment.from_toml(experiment)
-    if tolerance is not None:
-        config = replace(config, rendering=replace(config.rendering, tolerance=tolerance))
+    config = effect_options.experiment_with(
+        Experiment.from_toml(experiment), tolerance, simulate, without, everything
+    )
     return _experiment(config, output or Path("output") / experiment.stem, variant, force)
 
 
 def _experiment(config: Experiment, output: Path, variant: str | None, force: bool) -> frame.Report:
     from simrig import backend
     from simrig.evaluation.experiment import run_experiment
+    from simrig.evaluation.planning.experiments import check_plans
 
     if variant is not None:
         config = replace(config, variant=variant)
     backend.resolve(config.variant)  # refused before anything is measured or written
+    check_plans(config)
     with (
         output_folder(output, force, config.as_dict()) as folder,
         frame.progress(config.title or config.material) as report,

@@ -50,6 +50,10 @@ def plan(
     from simrig import backend
     from simrig.evaluation.planning import plan_scene
 
+    if scene.lower().endswith(".toml"):
+        if material is not None or resolution is not None or exposure is not None:
+            raise SimrigError(f"'{scene}' has its own material, sizes and exposure: give none")
+        return _experiment(scene, variant, tolerance, simulate, without, everything)
     backend.select(variant)
     options: dict[str, Any] = {
         "tolerance": tolerance or effect_options.DEFAULT_TOLERANCE,
@@ -59,10 +63,6 @@ def plan(
         "exposure": exposure,
         "variant": variant,
     }
-    if scene.lower().endswith(".toml"):
-        if material is not None or resolution is not None:
-            raise SimrigError(f"'{scene}' has its own material and sizes: give neither")
-        return _experiment(scene, options)
     subject, about = named_scene(scene, material, resolution)
     planned = plan_scene(subject, **options)
     return frame.Report(data={**about, **planned.as_dict()}, shown=_shown(planned, scene))
@@ -73,13 +73,19 @@ def _shown(planned: Plan, title: str) -> list[Any]:
     return [effect_options.plan_table(planned, heading), effect_options.plan_line(planned)]
 
 
-def _experiment(path: str, options: dict[str, Any]) -> frame.Report:
-    """Plan every scene of an experiment with its material."""
+def _experiment(path: str, variant: str, *decided: Any) -> frame.Report:
+    """Plan every scene of an experiment with its material; ``decided`` replaces its settings."""
+    from dataclasses import replace
+
+    from simrig import backend
     from simrig.evaluation.experiment_config import Experiment
     from simrig.evaluation.planning import plan_experiment
 
-    config = Experiment.from_toml(Path(path))
-    plans = plan_experiment(config, **options)
+    config = effect_options.experiment_with(Experiment.from_toml(Path(path)), *decided)
+    if variant != "auto":
+        config = replace(config, variant=variant)
+    backend.select(config.variant)
+    plans = plan_experiment(config)
     shown = [line for key, planned in plans.items() for line in _shown(planned, key)]
     data = {
         "experiment": path,
