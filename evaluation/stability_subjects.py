@@ -110,7 +110,7 @@ class ReflectanceSubject:
 
 def conditioning_of(reflectance: Reflectance) -> str:
     """Return in words what makes a reflectance sensitive to its directions."""
-    if isinstance(reflectance, SliceReflectance):
+    if isinstance(reflectance, SliceReflectance) and reflectance.bilinear:
         return (
             "the lower limit of formula D.1, the smallest of 32 slice values, jumps at the borders "
             "of cells; 1 ulp of the directions crosses them"

@@ -1,0 +1,38 @@
+"""Slices along highlights as a Mitsuba BSDF."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simrig.evaluation.rendering import render
+from simrig.plugins import make_bsdf
+from simrig.reconstruction.highlights import reconstruct_along_highlights
+from simrig.reflectance import kurt_material
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.sampling.placement import SlicePlacement
+from simrig.scenes import build_scene
+
+
+@pytest.fixture(scope="module")
+def rebuilt():
+    placement = SlicePlacement.from_degrees(20, 60)
+    material = kurt_material("fabric112")
+    return reconstruct_along_highlights(Gonioreflectometer().measure(material, placement, 2200))
+
+
+@pytest.mark.parametrize("view_deg", [(0.0, 0.0), (30.0, 200.0), (85.0, 110.0)])
+def test_samples_follow_the_density(view_deg, rebuilt, tools, variant_llvm):
+    bsdf = make_bsdf(rebuilt, rotation_deg=20.0)
+    test, accepted = tools.chi_square(bsdf, tools.direction(*view_deg))
+    assert accepted, test.messages
+
+
+def test_a_sphere_looks_like_the_material(rebuilt, variant_llvm):
+    pictures = []
+    for reflectance in (kurt_material("fabric112"), rebuilt):
+        scene = build_scene("sphere", make_bsdf(reflectance), resolution=32)
+        pictures.append(np.asarray(render(scene, 64, seed=0).image))
+    lit = pictures[0].sum(axis=2) > 0.0
+    error = np.abs(pictures[1] - pictures[0])[lit].mean() / pictures[0][lit].mean()
+    assert error < 0.1
