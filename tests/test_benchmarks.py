@@ -6,6 +6,7 @@ import pytest
 
 from simrig.evaluation.benchmarks import (
     BENCHMARKS,
+    btf,
     planned,
     plugins,
     reconstruct,
@@ -75,3 +76,14 @@ def test_planned_renders_are_those_written_by_hand():
         assert row["planned_seconds"] > 0.0 < row["minimal_seconds"]
         assert row["integrator"] == "simrig_all_lights"
     assert planned.table(results)
+
+
+def test_btf_benchmark_renders_every_form():
+    options = {"resolution": 16, "spp": 1, "rounds": 1, "texels": 2}
+    results = btf.run(**options, variant="llvm_ad_rgb")
+    assert len(results["rows"]) == 2 * 6
+    rows = {row["material"]: row for row in results["rows"] if row["integrator"] == "direct"}
+    assert rows["factored, 20 %"]["bytes"] <= rows["factored, 5 %"]["bytes"]
+    assert rows["full"]["delta_e"] == 0.0
+    assert rows["factored, 5 %"]["delta_e"] < rows["169 images"]["delta_e"]
+    assert btf.table(results)

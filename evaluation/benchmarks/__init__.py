@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from simrig.evaluation.benchmarks import planned, plugins, reconstruct, sampling, storage
+from simrig.evaluation.benchmarks import btf, planned, plugins, reconstruct, sampling, storage
 
 BENCHMARKS: dict[str, ModuleType] = {
+    "btf": btf,
     "planned": planned,
     "plugins": plugins,
     "reconstruct": reconstruct,

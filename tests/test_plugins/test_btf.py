@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import drjit as dr
@@ -10,12 +11,14 @@ import numpy as np
 import pytest
 
 from simrig import backend
-from simrig.data.btf_hdf5 import write_btf
+from simrig.data.btf_hdf5 import read_btf, write_btf
+from simrig.data.hdf5 import write_reflectance
 from simrig.directions import to_vector
 from simrig.errors import SimrigError
 from simrig.plugins import make_bsdf, make_btf, one_line_errors
 from simrig.plugins.footprint import pixel_angle_deg
 from simrig.reflectance.btf import BtfStack
+from simrig.reflectance.btf_factored import FactoredBtf
 from simrig.reflectance.btf_full import FullBtf
 from simrig.reflectance.btf_synthetic import bumps
 from simrig.reflectance.pyramid import Footprint
@@ -209,3 +212,38 @@ def test_bad_properties_are_refused_in_one_line(change, message, stored, variant
         mi.load_dict(properties)
     with pytest.raises(SimrigError, match="'scale' is missing"), one_line_errors():
         mi.load_dict({"type": "simrig_btf", "filename": stored})
+
+
+def test_the_examples_of_the_page_run(variant_llvm, tmp_path, monkeypatch) -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "btf.md"
+    monkeypatch.chdir(tmp_path)
+    namespace: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
+        exec(block, namespace)
+    assert type(namespace["material"]).__name__ == "simrig_btf"
+
+
+def test_the_factored_form_renders_from_a_stack_and_from_its_own_file(
+    stored, tools, rng, tmp_path, variant_llvm
+) -> None:
+    factors = FactoredBtf.from_stack(read_btf(stored), tolerance=0.1)
+    write_reflectance(tmp_path / "factors.h5", factors)
+    wv, wi = pairs(rng, 200)
+    uv = rng.uniform(-2.0, 2.0, (200, 2))
+    wo = mi.Vector3f(np.ascontiguousarray(wi.T))
+    where = Footprint(uv[:, 0] * 60.0, uv[:, 1] * 60.0)
+    expected = factors.eval_at(wi, wv, where) * wi[:, 2:]
+    for source in (
+        {"filename": stored, "form": "factored", "tolerance": 0.1},
+        {"filename": str(tmp_path / "factors.h5")},
+    ):
+        bsdf = mi.load_dict({"type": "simrig_btf", "scale": 60.0, **source})
+        value = bsdf.eval(mi.BSDFContext(), surface(tools, wv, uv), wo)
+        np.testing.assert_allclose(np.array(value).T, expected, atol=2e-5)
+
+
+def test_a_brdf_is_no_btf(tools, tmp_path, variant_llvm) -> None:
+    write_reflectance(tmp_path / "table.h5", tools.small_table())
+    properties = {"type": "simrig_btf", "filename": str(tmp_path / "table.h5"), "scale": 1.0}
+    with pytest.raises(SimrigError, match="holds a BRDF: use simrig_table"), one_line_errors():
+        mi.load_dict(properties)
