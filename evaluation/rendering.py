@@ -134,7 +134,7 @@ def render(
                 spp=pass_spp,
                 seed=int(pass_seed),  # type: ignore[arg-type]  # the stub knows no plain int
             )
-            colours = np.array(picture)[..., :3]
+            colours = _red_green_blue(np.array(picture))
             if len(passes) > 1:
                 total = total + np.float64(pass_spp / spp) * colours
             done += pass_spp
@@ -145,6 +145,11 @@ def render(
     return RenderResult(
         image, clock.compile_seconds, clock.run_seconds, int(spp), name, str(mi.variant())
     )
+
+
+def _red_green_blue(picture: np.ndarray) -> np.ndarray:
+    """Return the colours of a film; one of luminance alone, with or without alpha, becomes grey."""
+    return picture[..., :3] if picture.shape[-1] > 2 else np.repeat(picture[..., :1], 3, axis=-1)
 
 
 def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:

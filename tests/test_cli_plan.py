@@ -11,6 +11,7 @@ from typer.testing import CliRunner, Result
 
 from simrig.cli.app import app
 from simrig.cli.effect_options import tell_forces_apart
+from simrig.data.images import read_image
 
 SMALL = ("--resolution", "24")
 SCENE = """<scene version="3.0.0">
@@ -164,3 +165,94 @@ def test_run_plans_its_scenes_for_a_tolerance() -> None:
     assert "inter-reflection" in switched_on(scene["plan"])
     assert scene["settings"]["spp"] == scene["plan"]["settings"]["spp"] == scene["spp"]
     assert "planned for dE=2" in Path(result["report"]).read_text()
+
+
+def test_any_scene_file_is_rendered_as_planned() -> None:
+    Path("scene.xml").write_text(SCENE)
+    planned = done("render", "--scene", "scene.xml", "--output", "x.exr", "--tolerance", "dE=2")
+    assert planned["plan"]["settings"]["integrator"] == planned["integrator"]
+    assert (planned["width"], planned["height"], planned["scene"]) == (16, 16, "scene.xml")
+    assert Path("x.png").is_file()
+    kept = json.loads(OpenEXR.File("x.exr").header()["plan"])
+    assert kept["effects"] == planned["plan"]["effects"]
+    by_hand = done("render", "--scene", "scene.xml", "--output", "y.exr", "--integrator", "scene")
+    assert (by_hand["plan"], by_hand["spp"], by_hand["integrator"]) == (None, 64, "PathIntegrator")
+    forced = done("render", "--scene", "scene.xml", "--output", "z.exr", "--force", "shadowing")
+    assert "shadowing" in switched_on(forced["plan"])
+
+
+def test_a_scene_file_of_luminance_is_grey() -> None:
+    film = '<film type="hdrfilm"><string name="pixel_format" value="luminance"/>'
+    Path("grey.xml").write_text(SCENE.replace('<film type="hdrfilm">', film))
+    assert done("render", "--scene", "grey.xml", "--output", "grey.exr", "--spp", "4")["spp"] == 4
+    image = read_image(Path("grey.exr"))
+    assert image.max() > 0.0 and (image == image[..., :1]).all()
+
+
+def test_a_scene_file_with_spectra_is_rendered_in_a_spectral_variant() -> None:
+    gold = '<bsdf type="roughconductor"><string name="material" value="Au"/></bsdf>'
+    Path("gold.xml").write_text(SCENE.replace('<bsdf type="simrig_kurt"/>', gold))
+    planned = done("render", "--scene", "gold.xml", "--output", "x.exr", "--tolerance", "dE=4")
+    assert "spectral" in switched_on(planned["plan"])
+    assert planned["variant"] == planned["plan"]["settings"]["variant"] == "llvm_ad_spectral"
+    without = done(
+        *("render", "--scene", "gold.xml", "--output", "y.exr", "--without", "spectral"),
+        *("--tolerance", "dE=4"),
+    )
+    assert without["variant"] == "llvm_ad_rgb"
+
+
+BROKEN = {
+    "no XML": ("<scene", "is no XML file"),
+    "another document": ("<html/>", "is no Mitsuba scene"),
+    "an unknown plugin": (SCENE.replace("simrig_kurt", "simrig_curt"), "cannot build"),
+    "a missing file": (
+        SCENE.replace(
+            '<bsdf type="simrig_kurt"/>',
+            '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
+            '<string name="filename" value="nowhere.png"/></texture></bsdf>',
+        ),
+        "nowhere.png",
+    ),
+    "a wrong parameter": (
+        SCENE.replace("<bsdf type=", '<float name="radiuss" value="1"/><bsdf type='),
+        "radiuss",
+    ),
+    "a value that is no number": (SCENE.replace('x="2"', 'x="two"'), "two"),
+    "an unknown tag": (SCENE.replace("<shape", "<sheep").replace("</shape", "</sheep"), "sheep"),
+    "no version": (SCENE.replace(' version="3.0.0"', ""), "version"),
+    "no camera": ('<scene version="3.0.0"><shape type="sphere"/></scene>', "no camera"),
+    "a missing mesh": (
+        SCENE.replace(
+            "<emitter",
+            '<shape type="ply"><string name="filename" value="no.ply"/></shape><emitter',
+        ),
+        "no.ply",
+    ),
+}
+
+
+@pytest.mark.parametrize("defect", BROKEN)
+@pytest.mark.parametrize("command", ["render", "plan"])
+def test_broken_scene_files_are_refused_in_one_line(command: str, defect: str) -> None:
+    text, message = BROKEN[defect]
+    Path("broken.xml").write_text(text)
+    if command == "plan":
+        assert message in refused("plan", "broken.xml")
+    else:
+        assert message in refused("render", "--scene", "broken.xml", "--output", "x.exr")
+        assert not Path("x.exr").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--scene", "nothing.xml"], "there is no scene file 'nothing.xml'"),
+        (["--scene", "scene.xml", "--material", "wood01"], "leave out --material"),
+        (["--scene", "scene.xml", "--resolution", "8", "--light", "top"], "--resolution, --light"),
+        (["--scene", "cylinder"], "needs a --material"),
+    ],
+)
+def test_a_scene_file_takes_no_other_options(arguments: list[str], message: str) -> None:
+    Path("scene.xml").write_text(SCENE)
+    assert message in refused("render", *arguments, "--output", "x.exr")

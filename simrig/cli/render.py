@@ -1,4 +1,4 @@
-"""``simrig render``: a material on one of the scenes, as a picture."""
+"""``simrig render``: a material on one of the scenes, or a Mitsuba scene file, as a picture."""
 
 from __future__ import annotations
 
@@ -23,9 +23,14 @@ def register(app: typer.Typer) -> None:
 
 
 def render(
-    material: Annotated[str, typer.Option(help="A built-in material or a material file.")],
     output: Annotated[Path, typer.Option(help="The picture: .exr (linear RGB) or .png (sRGB).")],
-    scene: Annotated[str, typer.Option(help="See 'simrig materials'.")] = "sphere",
+    material: Annotated[
+        str | None,
+        typer.Option(help="A built-in material or a material file, for a built-in scene."),
+    ] = None,
+    scene: Annotated[
+        str, typer.Option(help="See 'simrig materials', or a Mitsuba scene (.xml).")
+    ] = "sphere",
     spp: Annotated[int | None, typer.Option(min=1, help="Samples per pixel; planned else.")] = None,
     integrator: Annotated[
         str | None,
@@ -55,7 +60,7 @@ def render(
     variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
 ) -> frame.Report:
-    """Render a material on a scene to an EXR picture (linear RGB), and a PNG to look at.
+    """Render a material on a scene, or a scene file, to an EXR picture and a PNG to look at.
 
     What is simulated follows from the tolerance, see 'simrig plan'. With --spp or --integrator
     nothing is planned: the scene's own integrator and 64 samples stand for the one not given.
@@ -79,38 +84,34 @@ def render(
     from contextlib import ExitStack
 
     from simrig import backend
-    from simrig.data.load import load_material
     from simrig.evaluation import planning, rendering
-    from simrig.evaluation.environment import BUILTIN, environment_lights
-    from simrig.plugins import make_bsdf
-    from simrig.scenes import build_scene
 
     with ExitStack() as held:
         for path in files:
             held.enter_context(output_file(path, force))
         variant = backend.select(variant)
-        options: dict[str, Any] = {"resolution": resolution, "light": light}
-        if environment is not None or lights is not None:
-            options["lights"] = environment_lights(environment or BUILTIN, lights or 256)
+        options = {
+            "resolution": resolution,
+            "light": light,
+            "environment": environment,
+            "lights": lights,
+            "rotation": rotation or None,
+        }
         options = {key: value for key, value in options.items() if value is not None}
-        reflectance = load_material(material)
-
-        def subject() -> dict[str, Any]:  # built again where a plan asks for another variant
-            return build_scene(scene, make_bsdf(reflectance, rotation), **options)
+        subject, about = _subject(scene, material, options)
 
         planned = None
         if not by_hand:
             allowed = tolerance or effect_options.DEFAULT_TOLERANCE
-            planned = planning.plan_scene(subject, allowed, **overrides)
+            planned = planning.plan_scene(subject, allowed, variant=variant, **overrides)
         with frame.progress("rendering") as report:
             if planned:
                 result = planning.planned_render(subject, planned, seed, report)
             else:
                 chosen = None if integrator == "scene" else integrator
-                result = rendering.render(subject(), spp or _SPP, seed, chosen, report)
-        about = {
-            "scene": scene,
-            "material": material,
+                loaded = rendering.load(planning.scene_source(subject).build())
+                result = rendering.render(loaded, spp or _SPP, seed, chosen, report)
+        about |= {
             "spp": result.spp,
             "seed": seed,
             "variant": result.variant,
@@ -128,6 +129,37 @@ def render(
             *_shown(planned),
         ],
     )
+
+
+def _subject(scene: str, material: str | None, options: dict[str, Any]) -> tuple[Any, dict]:
+    """Return what is rendered, for the current variant, and what it is for the report.
+
+    A function that builds the dictionary of a built-in scene (again where a plan asks for another
+    variant), or the path of a scene file.
+    """
+    from simrig.cli.scene_argument import is_scene_file, scene_file
+    from simrig.data.load import load_material
+    from simrig.evaluation.environment import BUILTIN, environment_lights
+    from simrig.plugins import make_bsdf
+    from simrig.scenes import build_scene
+
+    if is_scene_file(scene):
+        given = [f"--{name}" for name in (*(["material"] if material else []), *options)]
+        if given:
+            raise SimrigError(f"'{scene}' is a scene of its own: leave out {', '.join(given)}")
+        return scene_file(scene), {"scene": scene}
+    if material is None:
+        raise SimrigError(f"the scene '{scene}' needs a --material: see 'simrig materials'")
+    rotation = options.pop("rotation", 0.0)
+    source = options.pop("environment", None)
+    if source is not None or "lights" in options:
+        options["lights"] = environment_lights(source or BUILTIN, options.get("lights", 256))
+    reflectance = load_material(material)
+
+    def build() -> dict[str, Any]:
+        return build_scene(scene, make_bsdf(reflectance, rotation), **options)
+
+    return build, {"scene": scene, "material": material}
 
 
 def _plan_metadata(plan: dict[str, Any] | None) -> dict[str, str]:

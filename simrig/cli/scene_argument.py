@@ -41,12 +41,10 @@ def named_scene(
     from simrig.plugins import make_bsdf
     from simrig.scenes import build_scene
 
-    if name.lower().endswith(".xml"):
+    if is_scene_file(name):
         if material is not None or resolution is not None:
             raise SimrigError(f"'{name}' has its own materials and size: give neither for a file")
-        if not Path(name).is_file():
-            raise SimrigError(f"there is no scene file '{name}'")
-        return Path(name), {"scene": name}
+        return scene_file(name), {"scene": name}
     reflectance = load_material(material or _MATERIAL)
     width = resolution or _RESOLUTION
 
@@ -56,3 +54,19 @@ def named_scene(
     build()  # an unknown name is refused before any work
     about = {"scene": name, "material": material or _MATERIAL, "resolution": width}
     return build, about
+
+
+def is_scene_file(name: str) -> bool:
+    """Return whether a SCENE is the path of a Mitsuba scene file."""
+    return name.lower().endswith(".xml")
+
+
+def scene_file(name: str) -> Path:
+    """Return the path of a Mitsuba scene file.
+
+    Raises:
+        SimrigError: there is none.
+    """
+    if not Path(name).is_file():
+        raise SimrigError(f"there is no scene file '{name}'")
+    return Path(name)
