@@ -46,7 +46,7 @@ def test_one_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert done.exit_code == 0, done.output
     red, _, blue = read_image(path).mean(axis=(0, 1))
     assert blue > 1.5 * red
-    assert "already exists" in refusal("tile_blue", "--picture", str(path))
+    assert "exists: choose another" in refusal("tile_blue", "--picture", str(path))
 
 
 def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
