@@ -8,7 +8,7 @@ direction and within one unit in the last place of a whole turn. Float32 is comp
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -35,7 +35,7 @@ _SLICES = (1, 3)  # of a kind
 Signal = Callable[[np.ndarray], np.ndarray]
 
 
-def highlight_rows(signals: dict[str, Signal], backend_name: str) -> list[StabilityRow]:
+def highlight_rows(signals: Mapping[str, Signal], backend_name: str) -> list[StabilityRow]:
     """Return one row per signal, pair of elevations and number of slices.
 
     Args:

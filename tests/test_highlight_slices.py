@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from simrig import backend
+from simrig.cli.rebuild import Method, rebuilt
 from simrig.data.load import load_material, save_material
 from simrig.errors import SimrigError
 from simrig.evaluation.mre import mre_estimate
@@ -170,6 +171,15 @@ def test_stored_and_loaded_again(tmp_path, satin, rng):
     assert isinstance(loaded, HighlightSlices)
     angles = pairs(rng, 300)
     np.testing.assert_array_equal(loaded.eval_angles(*angles), satin.eval_angles(*angles))
+
+
+def test_the_command_line_rebuilds_a_measurement_along_slices(rng):
+    measurement = measured(kurt_material("wood01"), samples=1700)
+    found, notes, name = rebuilt(measurement, Method.IMPROVED, "pchip", 5.0)
+    expected = reconstruct_along_highlights(measurement, "pchip")
+    angles = pairs(rng, 300)
+    np.testing.assert_array_equal(found.eval_angles(*angles), expected.eval_angles(*angles))
+    assert name == "improved" and notes == () and found.kind == "highlight_slices"
 
 
 def test_values_five_orders_apart_and_all_zero(rng):

@@ -5,6 +5,8 @@ import pytest
 
 from simrig import backend
 from simrig.arrays import vector_type
+from simrig.evaluation.stability_highlights import highlight_rows
+from simrig.evaluation.stability_methods import signals
 from simrig.reconstruction.highlights import (
     HighlightSubspace,
     reconstruct_subspace_along_highlights,
@@ -217,3 +219,10 @@ def test_dr_jit_equals_numpy(rng, precision, elevations):
     value = np.array(subspace.eval(types.Float(phi_i), types.Float(phi_v))).T
     limit = 2e-4 if precision == "float32" else 1e-10
     assert np.quantile(np.abs(value / expected - 1.0), 0.999) < limit
+
+
+@pytest.mark.parametrize("name", ["all-zero", "spike", "six-to-minus-twelve", "single-denormal"])
+def test_hard_subspaces_in_single_precision_are_explained(name):
+    rows = highlight_rows({name: signals()[name]}, "llvm")
+    assert len(rows) == 10
+    assert all(row.explained and row.non_finite == row.negative == 0 for row in rows), rows

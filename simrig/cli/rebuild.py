@@ -22,6 +22,7 @@ class Method(StrEnum):
     """How a measurement becomes a reflectance; the library writes names with an underscore."""
 
     SLICES = "slices"
+    IMPROVED = "improved"
     BARYCENTRIC = "barycentric"
     RBF_GLOBAL = "rbf-global"
     RBF_LOCAL = "rbf-local"
@@ -63,6 +64,7 @@ def rebuilt(
         SimrigError: a method that cannot use the measurement, or a step that cannot be.
     """
     from simrig.reconstruction.by_name import reconstruct_by_name
+    from simrig.reconstruction.highlights import reconstruct_along_highlights
     from simrig.reconstruction.slices import reconstruct
     from simrig.reflectance.rbf import RbfReflectance
     from simrig.rigs.measurement import Measurement
@@ -70,13 +72,14 @@ def rebuilt(
     along_slices = isinstance(measured, Measurement)
     chosen = method or (Method.SLICES if along_slices else Method.BARYCENTRIC)
     name = chosen.replace("-", "_")
-    if chosen == Method.SLICES:
+    if chosen in (Method.SLICES, Method.IMPROVED):
         if not isinstance(measured, Measurement):
             raise SimrigError(
                 "the measurement has no slices, it lists directions: use --method barycentric, "
                 "rbf-local or rbf-global"
             )
-        return reconstruct(measured, interpolation), (), name
+        rebuild = reconstruct if chosen == Method.SLICES else reconstruct_along_highlights
+        return rebuild(measured, interpolation), (), name
     if not 0.5 <= step_deg <= 30.0 or abs(360.0 / step_deg - round(360.0 / step_deg)) > 1e-6:
         raise SimrigError(f"--step must divide 360° and lie in 0.5° to 30°, got {step_deg:g}")
     made = reconstruct_by_name(name, measured)

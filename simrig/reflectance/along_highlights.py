@@ -122,11 +122,11 @@ def swept_along_highlights(
     return namespace(value).maximum(value + lerp(missed[0], missed[1], x), lowest)
 
 
-def _channels(value: Array, offset: np.ndarray, change: Callable[[Array, float], Array]) -> Array:
+def _channels(value: Array, offset: np.ndarray, change: Callable[[Array, Array], Array]) -> Array:
     if is_numpy(value):
         return change(value, offset)
-    parts = (change(c, float(e)) for c, e in zip(components(value), offset, strict=True))
-    return vector(*parts, like=value)
+    x, y, z = (change(c, float(e)) for c, e in zip(components(value), offset, strict=True))
+    return vector(x, y, z, value)
 
 
 def _log1p(x: Array) -> Array:

@@ -120,7 +120,7 @@ class HighlightSlices(SliceReflectance):
     def _compressed(self, table: Array) -> Array:
         if is_numpy(table):
             return compressed(table.reshape(-1, 3), self.offset).reshape(-1)
-        triples = dr.unravel(vector_type(type(table)), table)
+        triples: Any = dr.unravel(vector_type(type(table)), table)
         flat = dr.ravel(compressed(triples, self.offset))
         dr.eval(flat)
         return flat
@@ -132,8 +132,8 @@ class HighlightSlices(SliceReflectance):
         half = 0.5 * lay.azimuth_step
         angles = lay.knots[i], half * (k - j), lay.nodes[n], half * (k + j)
         read = Reader(horizontal)
-        numbers = [read.numbers(angle) for angle in angles]
-        predicted = self._predicted(*numbers, Texels(tables, numbers[0]))
+        theta_i, phi_i, theta_v, phi_v = (read.numbers(angle) for angle in angles)
+        predicted = self._predicted(theta_i, phi_i, theta_v, phi_v, Texels(tables, theta_i))
         bend = self._at_equal_elevations(tables, mirror_bend(lay))
         return spread_over_nodes(lay, horizontal - read.flat(predicted), bend)
 
@@ -246,7 +246,9 @@ def _least(tables: list[Array]) -> Array:
     """Return the smallest value of each channel of flat tables of triples, one colour."""
     if is_numpy(tables[0]):
         return np.min([table.reshape(-1, 3).min(axis=0) for table in tables], axis=0)
-    colours = [dr.unravel(vector_type(type(table)), dr.detach(table)) for table in tables]
+    colours: list[Any] = [
+        dr.unravel(vector_type(type(table)), dr.detach(table)) for table in tables
+    ]
     found = [vector_type(type(tables[0]))(*map(dr.min, colour)) for colour in colours]
     return reduce(dr.minimum, found)
 
