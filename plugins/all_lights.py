@@ -62,7 +62,7 @@ def define_all_lights() -> type:
             elif dr.width(emitters):
                 total += self._loop(scene, emitters, sampler, si, bsdf, lit)
             if self.lights is not None:
-                total += self._directional(scene, si, bsdf, lit)
+                total += self._directional(scene, si, bsdf, lit, *self.lights)
             if self.hidden:
                 return total, lit, []
             emitter = si.emitter(scene)
@@ -105,9 +105,10 @@ def define_all_lights() -> type:
             return dr.select(active, value * weight, 0.0)
 
         @dr.syntax
-        def _directional(self, scene: Any, si: Any, bsdf: Any, active: Any) -> Any:
+        def _directional(
+            self, scene: Any, si: Any, bsdf: Any, active: Any, numbers: Any, count: Any
+        ) -> Any:
             """Return the radiance that the ``lights`` cause."""
-            numbers, count = self.lights
             total = mi.Spectrum(0.0)
             index = mi.UInt32(0)
             while dr.hint(index < count, max_iterations=-1):

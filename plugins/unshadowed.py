@@ -93,8 +93,8 @@ def _met(scene: Any, ray: Any, active: Any) -> Any:
     """Return what a ray meets: nothing, and no ray is traced, where no lamp has a surface."""
     if any(mi.has_flag(e.flags(), mi.EmitterFlags.Surface) for e in scene.emitters()):
         return scene.ray_intersect(ray, active)
-    nothing = dr.zeros(mi.SurfaceInteraction3f)
-    nothing.t = dr.inf
+    nothing: Any = dr.zeros(mi.SurfaceInteraction3f)
+    nothing.t = mi.Float(dr.inf)
     nothing.wi = -ray.d
     nothing.time = ray.time
     nothing.wavelengths = ray.wavelengths

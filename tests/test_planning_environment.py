@@ -230,13 +230,14 @@ def test_a_delta_light_beside_the_map_is_kept() -> None:
 
 @SLOW
 def test_shadows_fade_with_distance_and_can_be_left_out() -> None:
-    bounds = []
+    plans = []
     for distance in (43.0, 90.0, 400.0):
         width = round((distance + 42.0) / 2.0)  # pixels, of about the same size each time
         scene = build_scene("map_spheres", GREY, distance=distance, resolution=width)
-        bounds.append(decision(plan_scene(scene, "dE=1"), "shadowing").bound.value)
-    assert bounds[0] > bounds[1] > bounds[2]
-    assert bounds[0] > 2.0 > 1.0 > bounds[2]
+        plans.append(plan_scene(scene, "dE=1"))
+    near, apart, far = (decision(plan, "shadowing").bound.value for plan in plans)
+    assert near > apart > far
+    assert plans[0].on("shadowing") and not plans[2].on("shadowing")
 
 
 @pytest.mark.parametrize("name", [pytest.param("map_spheres", marks=SLOW), "hidden_sun"])
@@ -265,6 +266,14 @@ def test_a_low_sun_behind_a_blocker_stays_right(tolerance: float) -> None:
     reference = rendering.render(loaded, 8192, 6, planned_integrator(loaded, everything)).image
     picture = planned_render(scene, plan, seed=5).image
     assert change(reference, picture, plan.about["exposure"]) <= tolerance
+
+
+def test_shadows_of_glossy_bodies_far_apart_are_left_out() -> None:
+    """The cones say little about narrow lobes; the looked-at pixels do."""
+    shiny = make_bsdf(load_material("ward"))
+    plan = plan_scene(build_scene("map_spheres", shiny, distance=200.0, resolution=96), "dE=2")
+    assert "unseen ones" in decision(plan, "shadowing").bound.explanation
+    assert not plan.on("shadowing")
 
 
 def lamp_scene(blocker_height: float) -> dict:

@@ -5,22 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from simrig.effects import Bound, Effect, Tolerance
+from simrig.evaluation.planning.costs import (
+    bsdf_seconds,
+    indirect_seconds,
+    shadow_seconds,
+    spectral_seconds,
+)
 from simrig.evaluation.planning.probe import PIXELS
-from simrig.evaluation.planning.shade import hidden_change
+from simrig.evaluation.planning.shade import RULE_OF_THREE, hidden_bound
 from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
 
 USUAL_SPP = 16  # for estimates of cost, before the samples per pixel are known
-_SHADOW_RAY = 0.3  # of the cost of a sample in direct light
-_BOUNCE = 1.0  # likewise, for each further reflection
-_USUAL_BOUNCES = 4
-_WAVELENGTHS = 1.5  # a spectral sample over an RGB one
 _UNSHADOWED_SAFETY = 2.0
-# The chance that a shadow on more than 3/n of the picture is missed by n pixels is below 5 %.
-_RULE_OF_THREE = 3.0 / PIXELS
 
 
-def _direct_seconds(subject: SceneSubject) -> float:
-    return subject.look.seconds_per_sample * subject.pixels * USUAL_SPP
+def _seconds(per_sample: float, subject: SceneSubject) -> float:
+    return per_sample * subject.pixels * USUAL_SPP
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,9 @@ class Shadowing:
                 why = "one convex body: the cosine says all about its shadow"
             return Bound(0.0, tolerance.unit, why)
         if not subject.survey.only_delta_lights:
-            change = hidden_change(subject, tolerance)
-            why = "the light that other bodies' bounding spheres can hide at the looked-at points"
-            return None if change is None else Bound(change, tolerance.unit, why)
+            return hidden_bound(subject, tolerance)
         seen = _UNSHADOWED_SAFETY * subject.unshadowed_change(tolerance)
-        missed = _RULE_OF_THREE * subject.black_change(tolerance)
+        missed = RULE_OF_THREE * subject.black_change(tolerance)
         return Bound(
             seen + missed,
             tolerance.unit,
@@ -51,7 +49,7 @@ class Shadowing:
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds of one more ray per light."""
-        return _SHADOW_RAY * _direct_seconds(subject)
+        return _seconds(shadow_seconds(subject), subject)
 
 
 @dataclass(frozen=True)
@@ -73,8 +71,8 @@ class InterReflection:
         return Bound(bounds.values[0], tolerance.unit, bounds.why)
 
     def cost(self, subject: SceneSubject) -> float:
-        """Return the seconds of a few more reflections."""
-        return _BOUNCE * _USUAL_BOUNCES * _direct_seconds(subject)
+        """Return the seconds of following paths further."""
+        return _seconds(indirect_seconds(subject), subject)
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ class BsdfSampling:
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds of one more direction per sample."""
-        return _BOUNCE * _direct_seconds(subject)
+        return _seconds(bsdf_seconds(subject), subject)
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ class EnvironmentLight:
         """Return the seconds of sampling the map."""
         if subject.survey.environment is None:
             return 0.0
-        return _BOUNCE * _direct_seconds(subject)
+        return _seconds(bsdf_seconds(subject), subject)
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ class SpectralRendering:
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds that spectral samples add."""
-        return (_WAVELENGTHS - 1.0) * _direct_seconds(subject)
+        return _seconds(spectral_seconds(subject), subject)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,7 @@
-"""What changes when N directional lights stand for the environment map of a scene.
+"""N directional lights for the environment map of a scene: how many, and what they change.
 
-Both are looked at along the same camera rays, in direct light: the map by sampling it and the BSDF
-with low-discrepancy numbers, the lights as their exact sum. The looked-at pixels fall into two
-halves of independent rays. With d what a pixel differs by and n half of what its halves differ by,
-the mean of |d|² − |n|² is free of noise, and its root is at least the mean of |d|; the mean of
-|d| itself is too large by the noise. The bound is the smaller of the two, each with three standard
-errors over the pixels. It is measured, not proved: highlights that none of the looked-at pixels
-has are missed.
+The map, sampled, and the lights, summed exactly, are looked at along the same camera rays in direct
+light; ``planning.places`` says what the difference is worth.
 """
 
 from __future__ import annotations
@@ -25,9 +20,8 @@ from simrig.evaluation.planning.change import Display
 from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.integrators import direct_integrator
 from simrig.evaluation.planning.noise import samples_needed
-from simrig.evaluation.planning.probe import SEED, chosen_pixels, on_device, rows, to_rgb
+from simrig.evaluation.planning.places import Places, measured_change
 from simrig.evaluation.planning.subject import SceneSubject
-from simrig.evaluation.rendering import timed
 
 ENVIRONMENT, BSDF_SAMPLING = "environment", "bsdf-sampling"
 # Paths pick one light per reflection, which is noise when there are hundreds; spectra of lights
@@ -35,9 +29,6 @@ ENVIRONMENT, BSDF_SAMPLING = "environment", "bsdf-sampling"
 NEED_THE_MAP = ("inter-reflection", "spectral")
 
 COUNTS = (16, 32, 64, 128, 256, 512, 1024)  # of lights, from which a plan chooses
-_PLACES = 4  # in each pixel
-_DRAWN = 64  # directions of the map and of the BSDF at each place: a power of 4, as ldsampler asks
-_CERTAIN = 3.0  # standard errors
 _RUNS = 3
 _WORTH = 0.5  # of the map's time: what lights may take, estimates of time being rough
 
@@ -57,96 +48,27 @@ class MapAndLights:
         self.scene = scene
         self.shadows = shadows
         self.environment = Environment(scene.environment())
-        self._ray, self._weight = _camera_rays(scene)
-        integrator = direct_integrator(scene, shadows)
-        self.map, self.seconds_per_sample = self._look(integrator, _DRAWN)
+        self._places = Places(scene)
+        self.map, self.seconds_per_sample = self._places.look(direct_integrator(scene, shadows))
         self._lights: dict[int, np.ndarray] = {}
 
     def lights(self, count: int) -> np.ndarray:
         """Return (n, places, 3) radiance under ``count`` lights."""
         if count not in self._lights:
-            self._lights[count] = self._look(self._integrator(count), 1)[0]
+            self._lights[count] = self._places.look(self._integrator(count), 1)[0]
         return self._lights[count]
 
     def seconds(self, count: int) -> float:
         """Return the seconds of a sample under ``count`` lights: short runs, so the best counts."""
         integrator = self._integrator(count)
-        return min(self._look(integrator, 1)[1] for _ in range(_RUNS))
+        return min(self._places.look(integrator, 1)[1] for _ in range(_RUNS))
 
     def _integrator(self, count: int) -> dict[str, Any]:
         return direct_integrator(self.scene, self.shadows, lights=self.environment.lights(count))
 
     def change(self, display: Display, count: int) -> float:
         """Return the most that ``count`` lights change, in the unit of the display's tolerance."""
-        under = self.lights(count)
-        lit = (self.map > 0.0).any(axis=(1, 2)) | (under > 0.0).any(axis=(1, 2))
-        if not lit.any():
-            return 0.0
-        place, brightness = display.coordinates, float(self.map[lit].mean())
-        apart = [
-            place(half(self.map[lit])) - place(half(under[lit]))
-            for half in (_all_places, _first_places, _last_places)
-        ]
-        lengths = np.linalg.norm(apart[0], axis=-1)
-        squares = lengths**2 - (((apart[1] - apart[2]) / 2.0) ** 2).sum(axis=-1)
-        root_mean_square = np.sqrt(max(_upper(squares), 0.0))
-        if display.tolerance.metric == "psnr":
-            return float(root_mean_square)
-        most = min(float(root_mean_square), _upper(lengths))
-        return most / brightness if display.tolerance.metric == "relative" else most
-
-    def _look(self, integrator: dict[str, Any], drawn: int) -> tuple[np.ndarray, float]:
-        """Return radiance (n, places, 3), from ``drawn`` samples each, and seconds per sample."""
-        total = dr.width(self._ray) * drawn
-        index = dr.arange(mi.UInt32, total) // dr.opaque(mi.UInt32, drawn)
-        ray = dr.gather(type(self._ray), self._ray, index)
-        weight = dr.gather(type(self._weight), self._weight, index)
-        sampler = mi.load_dict({"type": "ldsampler", "sample_count": max(drawn, 4)})
-        sampler.set_samples_per_wavefront(drawn)
-        sampler.seed(SEED, total)
-        made = mi.load_dict(integrator)
-        with timed() as clock:
-            value, _, _ = made.sample(self.scene, sampler, ray)
-            radiance = to_rgb(value * weight, ray)
-            dr.eval(radiance)
-            dr.sync_thread()
-        means = rows(radiance).reshape(-1, _PLACES, drawn, 3).mean(axis=2)
-        return means, clock.kernel_seconds / total
-
-
-def _camera_rays(scene: Any) -> tuple[Any, Any]:
-    chosen, size = chosen_pixels(scene)
-    count = len(chosen) * _PLACES
-    rng = np.random.default_rng(SEED + 5)
-    place = (np.repeat(chosen, _PLACES, axis=0) + rng.random((count, 2))) / size
-    aperture = rng.random((count, 2))
-    ray, weight = scene.sensors()[0].sample_ray_differential(
-        0.0,
-        on_device(rng.random(count)),
-        mi.Point2f(*(on_device(column) for column in place.T)),
-        mi.Point2f(*(on_device(column) for column in aperture.T)),
-    )
-    weight = mi.Spectrum(weight) + dr.zeros(mi.Spectrum, count)
-    dr.eval(ray, weight)
-    return ray, weight
-
-
-def _all_places(radiance: np.ndarray) -> np.ndarray:
-    return radiance.mean(axis=1)
-
-
-def _first_places(radiance: np.ndarray) -> np.ndarray:
-    return radiance[:, : _PLACES // 2].mean(axis=1)
-
-
-def _last_places(radiance: np.ndarray) -> np.ndarray:
-    return radiance[:, _PLACES // 2 :].mean(axis=1)
-
-
-def _upper(values: np.ndarray) -> float:
-    """Return the mean over pixels, three standard errors up."""
-    spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.inf
-    return float(values.mean() + _CERTAIN * spread)
+        return measured_change(display, self.map, self.lights(count))
 
 
 @dataclass(frozen=True)

@@ -21,14 +21,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from simrig.effects import Tolerance
+from simrig.effects import Bound, Tolerance
 from simrig.evaluation.planning.directional import Environment
+from simrig.evaluation.planning.integrators import direct_integrator
 from simrig.evaluation.planning.occlusion import can_hide_points
-from simrig.evaluation.planning.probe import CameraLook
+from simrig.evaluation.planning.places import Places, measured_change
+from simrig.evaluation.planning.probe import PIXELS, CameraLook
 from simrig.evaluation.planning.survey import Body
 from simrig.evaluation.planning.transport import brightest_of, transport
 from simrig.scenes.latlong import latlong_directions, solid_angles
 
+# The chance that a shadow on more than 3/n of the picture is missed by n pixels is below 5 %.
+RULE_OF_THREE = 3.0 / PIXELS
 _NEIGHBOURS = 4
 _MOST_TESTS = 100_000_000  # points × bodies × pixels of the map
 _BETWEEN = 4.0  # a pixel's radiance over the least that bilinear interpolation shows next to it
@@ -55,22 +59,38 @@ class Points:
     bend: np.ndarray
 
 
-def hidden_change(subject: Any, tolerance: Tolerance) -> float | None:
+def hidden_bound(subject: Any, tolerance: Tolerance) -> Bound | None:
     """Return the most that leaving shadows out changes under area and environment lights.
+
+    The cones are asked first. Where they leave more than is allowed, as they do for narrow lobes,
+    the looked-at pixels are compared with and without shadows, random numbers in common; what 3
+    of them in 1024 may have missed is added as black.
 
     Args:
         subject: a ``SceneSubject``.
         tolerance: in whose unit the change is.
 
     Returns:
-        The change, None where it cannot be bounded: light passes through a body, or a delta light
-        may be hidden as well.
+        The bound, None without one: light passes through a body, or a delta light may be hidden
+        as well.
     """
     survey = subject.survey
     if survey.unknown or (survey.delta_lights and can_hide_points(survey)):
         return None
     picture, display = subject.look.picture, subject.display(tolerance)
-    return display.total(display.worst(picture, hidden_light(subject)), picture)
+    cones = display.total(display.worst(picture, hidden_light(subject)), picture)
+    why = "the light that other bodies' bounding spheres can hide at the looked-at points"
+    if cones > tolerance.amount:
+        places = Places(subject.scene)
+        lit, open_air = (
+            places.look(direct_integrator(subject.scene, shadows))[0] for shadows in (True, False)
+        )
+        seen = measured_change(display, lit, open_air)
+        measured = seen + RULE_OF_THREE * subject.black_change(tolerance)
+        if measured < cones:
+            why = f"without shadows {PIXELS} pixels change by {seen:.3g}; unseen ones may too"
+            return Bound(measured, tolerance.unit, why)
+    return Bound(cones, tolerance.unit, why)
 
 
 def hidden_light(subject: Any) -> np.ndarray:
