@@ -22,7 +22,9 @@ from simrig.evaluation.stability_rows import StabilityRow
 from simrig.evaluation.stability_splines import slice_errors, slice_plans
 from simrig.evaluation.stability_subjects import FAINT, ReflectanceSubject
 from simrig.reconstruction.along_slices import INTERPOLATIONS
+from simrig.reconstruction.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices import reconstruct
+from simrig.reflectance.slices import SliceReflectance
 from simrig.sampling.adaptive import leave_one_out_errors, sample_adaptively
 from simrig.sampling.placement import SlicePlacement
 
@@ -40,7 +42,9 @@ def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
         backend_name: ``"llvm"`` or ``"cuda"``.
     """
     from simrig.evaluation.stability_gantry import gantry_rows
+    from simrig.evaluation.stability_highlights import highlight_rows
     from simrig.evaluation.stability_scattered import barycentric_rows, scattered_rows
+    from simrig.evaluation.stability_uniform import rbf_rows, uniform_rows
 
     return [
         *(partial(along_slice_rows, kind) for kind in INTERPOLATIONS),
@@ -48,7 +52,11 @@ def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
         adaptive_rows,
         scattered_rows,
         barycentric_rows,
+        rbf_rows,
+        partial(uniform_rows, cases, backend_name),
         gantry_rows,
+        partial(reconstruction_rows, "cubic", cases, backend_name, reconstruct_along_highlights),
+        partial(highlight_rows, signals(), backend_name),
     ]
 
 
@@ -203,15 +211,18 @@ class _ReconstructionSubject(ReflectanceSubject):
 
 
 def reconstruction_rows(
-    interpolation: str, cases: list[HardCase], backend_name: str
+    interpolation: str,
+    cases: list[HardCase],
+    backend_name: str,
+    rebuild: Callable[..., SliceReflectance] = reconstruct,
 ) -> list[StabilityRow]:
     """Return the rows of reflectances reconstructed from hard signals, over all directions."""
     wi, wv = (np.concatenate([getattr(case, key) for case in cases]) for key in ("wi", "wv"))
     rows = []
     for name, signal in signals().items():
         samples = _measured(signal, _PLACEMENT.intersections + 400)
-        reflectance = reconstruct(_Measured(samples, name), interpolation)
-        reflectance.name = f"reconstruct, {interpolation}"
+        reflectance = rebuild(_Measured(samples, name), interpolation)
+        reflectance.name = f"{rebuild.__name__.replace('_', ' ')}, {interpolation}"
         case = HardCase(name, "all directions of the list", wi, wv)
         precisions = ("numpy-float64", "drjit-float32")
         rows += direction_rows(

@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 from simrig.cli.app import app
 from simrig.data.images import read_image
 from simrig.data.load import FORMATS, MATERIALS
+from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation import studies
 from simrig.evaluation.studies.base import Study
 from simrig.rigs.measurement import Measurement
@@ -106,6 +107,29 @@ def test_axial_and_diagonal_slices_alone() -> None:
     assert Measurement.load("m.h5").slice_types == "axial_diagonal"
 
 
+def test_schemes_and_what_is_made_of_them() -> None:
+    measured = done("measure", "wood01", "--output", "s.h5", "--scheme", "2", "--ideal")
+    assert measured["scheme"] == "uniform_2"
+    assert measured["cost"]["samples"] == uniform_scheme(2).reciprocal_count
+    assert done("reconstruct", "s.h5", "--output", "b.h5")["method"] == "barycentric"
+    spline = ("--method", "rbf-global-log", "--step", "20")
+    rebuilt = done("reconstruct", "s.h5", "--output", "t.h5", *spline)
+    assert any("condition" in note for note in rebuilt["notes"])
+    close = [done("compare", "wood01", f, "--step", "20") for f in ("b.h5", "t.h5")]
+    assert all(0.0 < found["mre"] < 40.0 for found in close)
+    grid = ("--scheme", "regular", "--samples", "300")
+    planned = done("measure", "wood01", "--output", "g.h5", *grid)
+    assert planned["plan"] and planned["cost"]["samples"] <= 300
+    table = done("reconstruct", "g.h5", "--output", "r.h5", "--method", "regular-grid")
+    assert table["samples"] == planned["cost"]["samples"]
+    assert "no slices" in refusal("reconstruct", "s.h5", "--output", "x.h5", "--method", "slices")
+    assert "regular grid" in refusal(
+        "reconstruct", "s.h5", "--output", "x.h5", "--method", "regular-grid"
+    )
+    assert "is a measurement" in refusal("compare", "wood01", "s.h5")
+    assert not Path("x.h5").exists()
+
+
 def test_the_side_of_the_light_and_an_environment(shared_data) -> None:
     common = ("--material", "wood01", "--resolution", "16", "--spp", "2", "--no-png")
     done("render", "--output", "top.exr", "--scene", "cylinder", *common)
@@ -153,6 +177,13 @@ def test_stability_sums_up_its_rows() -> None:
             [*MEASURE, "--samples", "10000000", "--elevation-step", "80", "--azimuth-step", "180"],
             "samples",
         ),
+        ([*MEASURE, "--scheme", "31"], "numbered 1 to 30"),
+        ([*MEASURE, "--scheme", "uniforn"], "did you mean 'uniform'"),
+        ([*MEASURE, "--scheme", "7", "--samples", "500"], "its own number of samples"),
+        ([*MEASURE, "--scheme", "7", "--theta-max", "60"], "its own elevations"),
+        ([*MEASURE, "--scheme", "7", "--azimuth-step", "36"], "measures no slices"),
+        ([*MEASURE, "--scheme", "uniform", "--samples", "400"], "too few for a uniform scheme"),
+        ([*MEASURE, "--scheme", "regular", "--samples", "9"], "too few for a regular grid"),
         (["reconstruct", "nothing.h5", "--output", "r.h5"], "there is no file 'nothing.h5'"),
         (["render", "--material", "wood01", "--output", "x.jpg"], ".exr or .png"),
         (["render", "--material", "wood01", "--output", "x.exr", "--scene", "spher"], "'sphere'"),

@@ -11,7 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simrig.errors import SimrigError
-from simrig.evaluation import stability_gantry, stability_plugins, stability_splines
+from simrig.evaluation import (
+    stability_gantry,
+    stability_plugins,
+    stability_splines,
+    stability_uniform,
+)
 from simrig.evaluation.hard_cases import HardCase, hard_case, hard_cases
 from simrig.evaluation.stability import stability_suite, stability_table
 from simrig.evaluation.stability_fuzz import FUZZ_PAIRS, fuzz_cases, unit
@@ -27,9 +32,11 @@ from simrig.evaluation.stability_plugins import plugin_rows
 from simrig.evaluation.stability_rows import stability_markdown
 from simrig.evaluation.stability_scattered import barycentric_rows, scattered_rows, solve_extended
 from simrig.evaluation.stability_subjects import small_slices
+from simrig.evaluation.stability_uniform import hard_samples, rbf_rows, uniform_rows
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.along_slices import INTERPOLATIONS, SliceInterpolator
 from simrig.reflectance import Kurt, KurtLobe, Ward
+from simrig.reflectance.thin_plate import ThinPlateSpline
 from simrig.sampling.adaptive import Knots
 from simrig.sampling.slices import OPEN
 
@@ -137,7 +144,28 @@ def test_solve_extended_is_more_precise_than_double():
 
 
 def test_every_method_has_a_job():
-    assert len(method_jobs(hard_cases(4), "llvm")) == 2 * len(INTERPOLATIONS) + 3
+    jobs = [getattr(job, "func", job) for job in method_jobs(hard_cases(4), "llvm")]
+    for rows in (along_slice_rows, reconstruction_rows):
+        assert jobs.count(rows) >= len(INTERPOLATIONS)
+    assert {adaptive_rows, scattered_rows, barycentric_rows, rbf_rows, uniform_rows} <= set(jobs)
+
+
+@pytest.mark.slow
+def test_methods_for_listed_directions_are_clean():
+    rows = [*rbf_rows(), *uniform_rows(hard_cases(32), "llvm")]
+    assert len({row.object for row in rows}) == 6  # four of RBF, two tables
+    assert [row for row in rows if not row.explained] == []
+
+
+def test_a_planted_flaw_of_a_spline_is_found(monkeypatch):
+    right = ThinPlateSpline.__call__
+    monkeypatch.setattr(
+        ThinPlateSpline, "__call__", lambda self, *args: 1.0001 * right(self, *args)
+    )
+    cases = list(hard_samples())[:2]
+    monkeypatch.setattr(stability_uniform, "hard_samples", lambda: iter(cases))
+    flawed = [row for row in rbf_rows() if row.object == "RBF, global" and not row.explained]
+    assert flawed
 
 
 # plugins

@@ -7,10 +7,19 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from simrig.evaluation.benchmarks import btf, planned, plugins, reconstruct, sampling, storage
+from simrig.evaluation.benchmarks import (
+    btf,
+    conventional,
+    planned,
+    plugins,
+    reconstruct,
+    sampling,
+    storage,
+)
 
 BENCHMARKS: dict[str, ModuleType] = {
     "btf": btf,
+    "conventional": conventional,
     "planned": planned,
     "plugins": plugins,
     "reconstruct": reconstruct,

@@ -11,7 +11,7 @@ import typer
 from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_file
 from simrig.cli.rebuild import Method, load_measurement, rebuilt
-from simrig.cli.schemes import measure_scheme, scheme_of
+from simrig.cli.schemes import DEFAULT_THETA_MAX, measure_scheme, scheme_of
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -56,7 +56,9 @@ def measure(
     azimuth_step: Annotated[
         float | None, typer.Option(help="Degrees between slices; given with --elevation-step.")
     ] = None,
-    theta_max: Annotated[float, typer.Option(help="Largest elevation in degrees.")] = 80.0,
+    theta_max: Annotated[
+        float, typer.Option(help="Largest elevation in degrees.")
+    ] = DEFAULT_THETA_MAX,
     slices: Annotated[SliceTypes, typer.Option(help="Which slices.")] = SliceTypes.ALL,
     k: Annotated[float, typer.Option(help="Parameter k of algorithm 5.1.")] = 0.9,
     p_1: Annotated[int, typer.Option("--p1", help="Parameter p_1 of algorithm 5.1.")] = 5,
@@ -207,7 +209,7 @@ def reconstruct(
             "material": reflectance.name,
             "samples": measured.cost.samples,
             "method": name,
-            "interpolation": str(interpolation) if name == "slices" else None,
+            "interpolation": str(interpolation) if name in ("slices", "improved") else None,
             "notes": list(notes),
             "compute_seconds": seconds,
             "format": saved.format,

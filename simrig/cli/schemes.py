@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from simrig.reflectance import Reflectance
     from simrig.rigs.gonioreflectometer import Gonioreflectometer
 
+DEFAULT_THETA_MAX = 80.0  # degrees; that of the thesis
 _MOST_PROBED = 10_000  # directions at which the effects of the rig are bounded
 
 
@@ -30,12 +31,19 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
 
     Raises:
         SimrigError: an unknown name, samples given with a scheme that has its own number, or
-            too few samples.
+            too few samples; a largest elevation for anything but ``regular``.
     """
     from simrig.directions.schemes import SCHEMES, scheme, uniform_scheme
     from simrig.errors import unknown_name
     from simrig.sampling.uniform import largest_uniform_scheme, uniform_plan
 
+    if not 0.0 < theta_max_deg < 90.0:
+        raise SimrigError(f"--theta-max must lie between 0 and 90 degrees, got {theta_max_deg:g}")
+    if theta_max_deg != DEFAULT_THETA_MAX and name != "regular":
+        raise SimrigError(
+            f"scheme '{name}' has its own elevations: leave out --theta-max, or ask for "
+            "--scheme regular"
+        )
     if name == "uniform":
         return largest_uniform_scheme(samples or 8911)
     if name == "regular":

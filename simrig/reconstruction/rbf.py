@@ -13,6 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from simrig.directions.onion import to_onion
 from simrig.directions.spherical import to_vector
@@ -23,7 +26,7 @@ from simrig.reflectance.rbf import BAND, RbfReflectance, Spline, Told
 
 LARGEST_GLOBAL = 24_000  # nodes of one spline: its system takes 8 bytes times their square
 NEIGHBOURS = 50
-_SAME = 1e-9  # radians between nodes that are one
+_SAME = 1e-5  # radians between nodes that are one: 0.0006°, less than any arm repeats
 _FLOOR = 1e-3  # of the median, where logarithms end
 _BLOCK = 20_000  # points that SciPy evaluates at once
 
@@ -34,14 +37,19 @@ class RbfResult:
 
     Attributes:
         reflectance: the result.
-        condition: of the worst linear system, 1-norm; None for local splines, which have one
-            system for every set of neighbours.
+        fits: of the one or two global splines; none for local ones, which have a system for
+            every set of neighbours.
         notes: nodes, memory, condition, duplicates that were merged, smoothing.
     """
 
     reflectance: RbfReflectance
-    condition: float | None
+    fits: tuple[FittedSpline, ...]
     notes: tuple[str, ...]
+
+    @property
+    def condition(self) -> float | None:
+        """Condition number (1-norm) of the worst linear system; None for local splines."""
+        return max((fit.condition for fit in self.fits), default=None)
 
 
 def reconstruct_rbf(
@@ -67,9 +75,10 @@ def reconstruct_rbf(
         raise SimrigError(f"local splines need at least 6 neighbours, got {neighbours}")
     values = np.asarray(measurement.values, dtype=np.float64)
     floor = _FLOOR * np.median(values, axis=0) + np.finfo(float).tiny if logarithms else None
-    shown = values if floor is None else np.log(values + floor)
-    halves = _halves(measurement, shown, reciprocal)
-    made = [_spline(points, own, neighbours, measurement.material) for points, own in halves]
+    halves = [_merged(*half) for half in _halves(measurement, values, reciprocal)]
+    if floor is not None:
+        halves = [(nodes, np.log(means + floor)) for nodes, means in halves]
+    made = [_spline(nodes, own, neighbours, measurement.material) for nodes, own in halves]
     theta_max = float(max(measurement.theta_i.max(), measurement.theta_v.max()))
     kind = "RBF" if neighbours is None else f"RBF of {neighbours} neighbours"
     reflectance = RbfReflectance(
@@ -81,14 +90,14 @@ def reconstruct_rbf(
         theta_max,
         f"{measurement.material} from {len(values)} samples, {kind}",
     )
-    conditions = [fitted.condition for _, fitted, _ in made if fitted is not None]
+    fits = tuple(fitted for _, fitted, _ in made if fitted is not None)
     notes = [note for *_, own in made for note in own]
     directions = [to_vector(measurement.theta_i, measurement.phi_i)]
     directions.append(to_vector(measurement.theta_v, measurement.phi_v))
     repeated = len(values) - len(_merged(np.concatenate(directions, axis=1), values)[0])
     if repeated:
         notes.append(f"{repeated} repeated samples merged")
-    return RbfResult(reflectance, max(conditions) if conditions else None, tuple(notes))
+    return RbfResult(reflectance, fits, tuple(notes))
 
 
 def _halves(
@@ -104,7 +113,7 @@ def _halves(
     ahead = measurement.theta_v - measurement.theta_i
     light, view = ahead >= -BAND, ahead <= BAND
     if reciprocal:
-        view &= np.any(np.abs(wi - wv) > _SAME, axis=1)  # exchanged, they are the same node
+        view &= np.any(wi != wv, axis=1)  # exchanged, they are the same node
     first = np.stack(to_onion(wi[light], wv[light]), axis=-1), values[light]
     second = np.stack(to_onion(wv[view], wi[view]), axis=-1), values[view]
     if reciprocal:
@@ -118,20 +127,19 @@ def _halves(
 
 
 def _spline(
-    points: np.ndarray, values: np.ndarray, neighbours: int | None, material: str
+    nodes: np.ndarray, values: np.ndarray, neighbours: int | None, material: str
 ) -> tuple[Spline, FittedSpline | None, list[str]]:
-    """Return the spline through points, its fit where it is one, and what to say about it."""
-    nodes, means = _merged(points, values)
+    """Return the spline through nodes, its fit where it is one, and what to say about it."""
     notes = [f"{len(nodes)} nodes"]
     if neighbours is not None:
-        return LocalSplines(nodes, means, min(neighbours, len(nodes))), None, notes
+        return LocalSplines(nodes, values, min(neighbours, len(nodes))), None, notes
     if len(nodes) > LARGEST_GLOBAL:
         size = 8e-9 * len(nodes) ** 2
         raise SimrigError(
             f"one spline through the {len(nodes)} samples of '{material}' needs {size:.0f} GB for "
             f"its system, more than {LARGEST_GLOBAL} nodes are refused: use rbf_local"
         )
-    fitted = fit_thin_plate(nodes, means)
+    fitted = fit_thin_plate(nodes, values)
     notes.append(f"system of {8e-6 * len(nodes) ** 2:.0f} MB, condition {fitted.condition:.1e}")
     if fitted.smoothed:
         notes.append(
@@ -142,14 +150,15 @@ def _spline(
 
 
 def _merged(points: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distinct points, and the mean of the values at each."""
-    keys = np.round(points / _SAME).astype(np.int64)
-    _, where, number, counts = np.unique(
-        keys, axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
-    number = number.ravel()
-    sums = np.stack([np.bincount(number, channel, len(where)) for channel in values.T], axis=-1)
-    return points[where], sums / counts[:, None]
+    """Return points that are not the same, and the mean of the values at each."""
+    distinct, number = np.unique(points, axis=0, return_inverse=True)
+    close = cKDTree(distinct).query_pairs(_SAME, output_type="ndarray")
+    graph = coo_array((np.ones(len(close)), close.T), shape=(len(distinct),) * 2)
+    count, group = connected_components(graph, directed=False)
+    number = group[number.ravel()]
+    sums = np.stack([np.bincount(number, channel, count) for channel in values.T], axis=-1)
+    first = np.unique(group, return_index=True)[1]
+    return distinct[first], sums / np.bincount(number, minlength=count)[:, None]
 
 
 class LocalSplines:

@@ -1,9 +1,9 @@
-"""Fitting thin-plate splines: a stable solution, its condition number, and what to do without one.
+"""Fitting thin-plate splines: the solution, its condition number, and what to do without one.
 
-The kernel r² log r is positive definite on the complement of the linear polynomials, so the
-system is turned there by Householder reflections and factored by Cholesky's method: half the
-work of the general system that SciPy's ``RBFInterpolator`` solves, the same spline, and a
-condition number at no cost. All in the memory of one n × n matrix.
+The spline is that of SciPy's ``RBFInterpolator``, from the same linear system. It is solved here
+because SciPy neither tells the system's condition number nor takes nodes that lie in a plane. The
+factors stand in the memory of the matrix. (Cholesky's method on the complement of the polynomials
+needs half the arithmetic; it was tried, and took twice the time.)
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from scipy import linalg
 from simrig.reflectance.thin_plate import ThinPlateSpline, linear_terms, thin_plate
 
 LARGEST_CONDITION = 1e12  # beyond it, rounding shows in the fourth digit of the spline
-_FIRST_RIDGE, _RIDGE_STEP = 1e-12, 100.0  # relative to the mean of the diagonal
+_FIRST_RIDGE, _RIDGE_STEP = 1e-12, 100.0  # of the mean size of the kernel
+_BLOCK = 512  # rows of the matrix made at once
 _FLAT = 1e-7  # extent of the nodes, of their largest, that counts as none
 
 
@@ -27,8 +28,8 @@ class FittedSpline:
     Attributes:
         spline: the result.
         condition: estimated condition number (1-norm) of the system as it was solved.
-        unsmoothed_condition: that of the system without smoothing; infinite where it has no
-            Cholesky factor in float64.
+        unsmoothed_condition: that of the system without smoothing; infinite where it is
+            singular in float64.
         residual: largest difference of the spline from the values at the nodes, of their range.
     """
 
@@ -79,69 +80,31 @@ def _solve(
 
     Args:
         linear: the polynomial's terms at the nodes, (n, m) of rank m.
-        ridge: what is added to the diagonal, of its mean.
+        ridge: what is added to the diagonal, of the kernel's mean size.
     """
-    terms = linear.shape[1]
-    (packed, scales), triangle = linalg.qr(linear, mode="raw")
-    reflectors = [(_reflector(packed, j), scale) for j, scale in enumerate(scales)]
-    right = np.array(values, dtype=np.float64)
-    for vector, scale in reflectors:
-        right -= scale * np.outer(vector, vector @ right)
-    if len(nodes) == terms:
-        polynomial = linalg.solve_triangular(triangle[:terms], right)
-        return np.zeros_like(right), polynomial, 1.0
-    matrix = _turned(np.asfortranarray(thin_plate(nodes, nodes).T), reflectors)
-    border = matrix[terms:, :terms].copy()
-    norm = _detach_polynomial(matrix, terms, ridge)
-    factor, failed = linalg.lapack.dpotrf(matrix, lower=1, overwrite_a=1, clean=0)
-    if failed:
-        return np.zeros_like(right), np.zeros((terms, right.shape[1])), np.inf
-    reciprocal, _ = linalg.lapack.dpocon(factor, norm, uplo="L")
-    weights = right.copy()
-    weights[:terms] = 0.0
-    weights, _ = linalg.lapack.dpotrs(factor, weights, lower=1)
-    rest = right[:terms] - border.T @ weights[terms:]
-    for vector, scale in reversed(reflectors):
-        weights -= scale * np.outer(vector, vector @ weights)
+    matrix = _system(nodes, linear, ridge)
+    norm = linalg.lapack.dlange("1", matrix)
+    factors, pivots, singular = linalg.lapack.dgetrf(matrix, overwrite_a=1)
+    right = np.zeros((len(matrix), values.shape[1]))
+    if singular:
+        return right[: len(nodes)], right[len(nodes) :], np.inf
+    reciprocal, _ = linalg.lapack.dgecon(factors, norm)
+    right[: len(nodes)] = values
+    solution, _ = linalg.lapack.dgetrs(factors, pivots, right)
     condition = 1.0 / reciprocal if reciprocal > 0.0 else np.inf
-    return weights, linalg.solve_triangular(triangle[:terms], rest), float(condition)
+    return solution[: len(nodes)], solution[len(nodes) :], float(condition)
 
 
-def _reflector(packed: np.ndarray, j: int) -> np.ndarray:
-    """Return the vector of Householder reflection number j from LAPACK's storage."""
-    vector = packed[:, j].copy()
-    vector[:j], vector[j] = 0.0, 1.0
-    return vector
-
-
-def _turned(matrix: np.ndarray, reflectors: list[tuple[np.ndarray, float]]) -> np.ndarray:
-    """Apply reflections I - scale·v·vᵀ from both sides to a symmetric matrix, in place.
-
-    Only the lower triangle is right afterwards.
-    """
-    for vector, scale in reflectors:
-        image = linalg.blas.dsymv(scale, matrix, vector, lower=1)
-        image -= 0.5 * scale * (vector @ image) * vector
-        matrix = linalg.blas.dsyr2(-1.0, vector, image, a=matrix, lower=1, overwrite_a=1)
+def _system(nodes: np.ndarray, linear: np.ndarray, ridge: float) -> np.ndarray:
+    """Return the matrix (n + m, n + m) of the kernel bordered by the polynomial's terms."""
+    count, terms = linear.shape
+    matrix = np.zeros((count + terms,) * 2, order="F")
+    for start in range(0, count, _BLOCK):
+        part = slice(start, start + _BLOCK)  # the matrix is symmetric: columns are rows
+        matrix[:count, :count][:, part] = thin_plate(nodes[part], nodes).T
+    matrix[:count, count:] = linear
+    matrix[count:, :count] = linear.T
+    if ridge > 0.0:
+        mean = max(float(np.abs(matrix[:count, :count]).mean()), np.finfo(float).tiny)
+        np.einsum("ii->i", matrix)[:count] += ridge * mean
     return matrix
-
-
-def _detach_polynomial(matrix: np.ndarray, terms: int, ridge: float) -> float:
-    """Turn the polynomial's part into a diagonal of the rest's size; return the 1-norm.
-
-    Args:
-        matrix: lower triangle, changed in place.
-        terms: rows and columns of the polynomial.
-        ridge: what is added to the rest of the diagonal, of its mean.
-    """
-    diagonal = np.einsum("ii->i", matrix)
-    mean = max(float(diagonal[terms:].mean()), np.finfo(float).tiny)
-    matrix[:, :terms] = 0.0
-    diagonal[:terms] = mean
-    diagonal[terms:] += ridge * mean
-    sums = np.zeros(len(matrix))
-    for column in range(len(matrix)):
-        below = np.abs(matrix[column:, column])
-        sums[column:] += below
-        sums[column] += below[1:].sum()
-    return float(sums.max())
