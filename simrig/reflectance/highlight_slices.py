@@ -106,14 +106,19 @@ class HighlightSlices(SliceReflectance):
         of the grid, ``least`` the smallest value along all slices: no value is below. A look-up
         reads 64 colours of slices and 16 of the correction.
         """
-        tables = {key: self._compressed(data[key]) for key in self._arrays if key != "corners"}
-        least = Reader(tables["axial"]).flat(_least(list(tables.values())))
+        number = type(data["axial"])
+        tables = {
+            key: self._compressed(_wide(data[key])) for key in self._arrays if key != "corners"
+        }
+        tables["least"] = Reader(tables["axial"]).flat(_least(list(tables.values())))
         if self.has_horizontal:
             tables["between"] = self._correction(tables, tables.pop("horizontal"))
-        number = type(tables["axial"])
+        if dr.is_jit_v(number):
+            tables = {key: number(table) for key, table in tables.items()}
         can_pack = dr.is_jit_v(number) and dr.type_v(number) == dr.VarType.Float32
         if differentiable or not can_pack:
-            return {**tables, "least": least}
+            return tables
+        least = tables.pop("least")
         packed = {f"packed_{key}": pack_colours(value) for key, value in tables.items()}
         return {**packed, "least": least}
 
@@ -240,6 +245,12 @@ class HighlightSlices(SliceReflectance):
             lay.azimuth_count,
             lambda d: strength * half_vector_turn(d, sin_i, sin_v),
         )
+
+
+def _wide(table: Array) -> Array:
+    """Return a table in double precision: in single, rounded positions on steep slices would stay
+    in the correction."""
+    return dr.float64_array_t(type(table))(table) if dr.is_jit_v(table) else table
 
 
 def _least(tables: list[Array]) -> Array:
