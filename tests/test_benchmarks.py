@@ -6,6 +6,7 @@ import pytest
 
 from simrig.evaluation.benchmarks import (
     BENCHMARKS,
+    conventional,
     btf,
     planned,
     plugins,
@@ -87,3 +88,14 @@ def test_btf_benchmark_renders_every_form():
     assert rows["full"]["delta_e"] == 0.0
     assert rows["factored, 5 %"]["delta_e"] < rows["169 images"]["delta_e"]
     assert btf.table(results)
+
+
+@pytest.mark.slow
+def test_conventional_methods_are_timed_beside_scipy():
+    results = conventional.run(samples=435, rounds=1, part=5000)
+    assert results["samples"] == 435
+    by = {(row["method"], row["by"]) for row in results["rows"]}
+    assert {("barycentric", "SciPy"), ("rbf_global", "SciPy"), ("rbf_local", "SciPy")} <= by
+    assert all(row["seconds"] > 0.0 for row in results["rows"])
+    assert all(0.0 < error < 50.0 for error in results["mre_percent"].values())
+    assert conventional.table(results)
