@@ -6,8 +6,8 @@ import pytest
 
 from simrig.evaluation.benchmarks import (
     BENCHMARKS,
-    conventional,
     btf,
+    conventional,
     planned,
     plugins,
     reconstruct,
