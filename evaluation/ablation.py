@@ -23,6 +23,7 @@ from simrig.effects import Decision, Plan, Tolerance
 from simrig.evaluation.ablation_pictures import Pictures
 from simrig.evaluation.metrics import foreground_mask, psnr_from_mse
 from simrig.evaluation.planning import plan_scene, planned_render
+from simrig.evaluation.planning.environment import ENVIRONMENT
 from simrig.evaluation.planning.planner import LEFT_OUT_SHARE
 from simrig.evaluation.rendering import RenderResult
 from simrig.evaluation.replicates import Change, difference, distances
@@ -199,8 +200,9 @@ def _left_out(pictures: Pictures, decision: Decision) -> Row:
     if along:
         base = pictures.planned(everything=True, without=along)
         note = f"both without {', '.join(along)}"
-    # that of the picture without it: how many lights stand for a map differs between plans
-    (bound,) = (d.bound for d in without.effects if d.effect == decision.effect)
+    bound = decision.bound
+    if decision.effect == ENVIRONMENT:  # that of as many lights as the picture without it has
+        (bound,) = (d.bound for d in without.effects if d.effect == ENVIRONMENT)
     most = None if bound is None else bound.value
     return _compare(pictures, (decision.effect, LEFT_OUT, decision.on, most), base, without, note)
 
