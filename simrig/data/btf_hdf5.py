@@ -121,6 +121,17 @@ class BtfWriter:
         self._file["present"][first:last] = 1
         self._present[first:last] = True
 
+    def note(self, name: str, first: int, numbers: np.ndarray, units: str) -> None:
+        """Keep a number per pair beside the images, of consecutive pairs from ``first`` on.
+
+        What is not given is NaN. ``read_notes`` returns them.
+        """
+        notes = self._file.require_group("notes")
+        if name not in notes:
+            table = notes.create_dataset(name, data=np.full(self.shape[0], np.nan))
+            table.attrs["units"] = units
+        notes[name][first : first + len(numbers)] = numbers
+
     def flush(self) -> None:
         """Push everything written so far to the disk."""
         self._file.flush()
@@ -210,6 +221,18 @@ def write_btf(path: str | Path, stack: BtfStack, dtype: type | None = None) -> P
         for part, block in stack.blocks():
             writer.write(part.start, block)
     return path
+
+
+def read_notes(path: str | Path) -> dict[str, np.ndarray]:
+    """Return the numbers per pair that stand beside the images, by name, each (pairs,).
+
+    Raises:
+        SimrigError: not a BTF of simrig, or damaged.
+    """
+    with open_checked(path, CONTENT) as file:
+        count = len(read_array(file, "angles", (None, 4)))
+        names = list(file["notes"]) if "notes" in file else []
+        return {name: read_array(file, f"notes/{name}", (count,)) for name in names}
 
 
 def read_btf(path: str | Path) -> BtfStack:
