@@ -250,7 +250,10 @@ class HighlightSlices(SliceReflectance):
 def _wide(table: Array) -> Array:
     """Return a table in double precision: in single, rounded positions on steep slices would stay
     in the correction."""
-    return dr.float64_array_t(type(table))(table) if dr.is_jit_v(table) else table
+    if not dr.is_jit_v(table):
+        return table
+    wider: Any = dr.float64_array_t(type(table))
+    return wider(table)
 
 
 def _least(tables: list[Array]) -> Array:
