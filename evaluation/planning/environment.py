@@ -29,7 +29,7 @@ ENVIRONMENT, BSDF_SAMPLING = "environment", "bsdf-sampling"
 NEED_THE_MAP = ("inter-reflection", "spectral")
 
 COUNTS = (16, 32, 64, 128, 256, 512, 1024)  # of lights, from which a plan chooses
-_RUNS = 3
+_TIMED = 2 * COUNTS[-1]  # lights evaluated per place, about, to time them
 _WORTH = 0.5  # of the map's time: what lights may take, estimates of time being rough
 
 
@@ -59,9 +59,12 @@ class MapAndLights:
         return self._lights[count]
 
     def seconds(self, count: int) -> float:
-        """Return the seconds of a sample under ``count`` lights: short runs, so the best counts."""
-        integrator = self._integrator(count)
-        return min(self._places.look(integrator, 1)[1] for _ in range(_RUNS))
+        """Return the seconds of a sample under ``count`` lights.
+
+        As much is at work as when the map is timed, so that a busy machine slows both.
+        """
+        drawn = 4 ** (int(np.log2(_TIMED // count)) // 2)
+        return self._places.look(self._integrator(count), drawn)[1]
 
     def _integrator(self, count: int) -> dict[str, Any]:
         return direct_integrator(self.scene, self.shadows, lights=self.environment.lights(count))
