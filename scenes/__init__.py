@@ -7,7 +7,9 @@ from simrig.scenes.latlong import builtin_environment
 from simrig.scenes.lights import DirectionalLights
 from simrig.scenes.maps import environment_map, map_spheres
 from simrig.scenes.median_cut import median_cut
+from simrig.scenes.receding_cylinders import receding_cylinders
 from simrig.scenes.registry import SCENES, SceneEntry, build_scene
+from simrig.scenes.room import room
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
 from simrig.scenes.traps import bright_corner, hidden_light, hidden_sun, mirror_neighbour
 
@@ -27,5 +29,7 @@ __all__ = [
     "map_spheres",
     "median_cut",
     "mirror_neighbour",
+    "receding_cylinders",
+    "room",
     "sphere",
 ]

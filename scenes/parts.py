@@ -6,11 +6,12 @@ cameras are orthographic and look along −z, so the view direction is the same 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.errors import SimrigError, unknown_name
 
 MARGIN = 64.0 / 59.104  # half of a picture cell over the radius of the sphere in it
 # mm; outside of every object, but no further: the error of a float32 intersection grows with the
@@ -108,6 +109,30 @@ def share(bsdf: Any, name: str) -> tuple[dict, Any]:
     return {}, bsdf
 
 
+def by_part(bsdf: Any, parts: Iterable[str], kind: str) -> dict[str, tuple[str, Any]]:
+    """Return for each part of a scene its material's name and the material.
+
+    Args:
+        bsdf: one material for all parts, called ``material``; or a mapping with one for each,
+            called as the part.
+        parts: all parts.
+        kind: of part, for errors.
+
+    Raises:
+        SimrigError: a part that there is none of, or one without a material.
+    """
+    if not isinstance(bsdf, Mapping) or "type" in bsdf:
+        return {part: ("material", bsdf) for part in parts}
+    known = list(parts)
+    for name in bsdf:
+        if name not in known:
+            raise unknown_name(kind, name, known)
+    for part in known:
+        if part not in bsdf:
+            raise SimrigError(f"the {kind} '{part}' has no material")
+    return {part: (part, bsdf[part]) for part in known}
+
+
 def ball(radius: float, centre: tuple[float, float], material: Any) -> dict:
     """Return a sphere in the plane z = 0 with its poles at the top and bottom of the outline.
 
@@ -138,17 +163,20 @@ def direct() -> dict:
     return {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
 
 
-def all_lights() -> dict:
-    """Return the integrator for one convex object under many delta lights.
+def all_lights(shadows: bool = False) -> dict:
+    """Return the integrator that adds up many delta lights.
 
-    Such an object cannot shadow itself beyond what the cosine already says. In scalar variants,
-    where Mitsuba cannot run an integrator written in Python, one light is picked per sample.
+    In scalar variants, where Mitsuba cannot run an integrator written in Python, one light is
+    picked per sample, and there are always shadows.
+
+    Args:
+        shadows: one convex object needs none: the cosine says which lights it hides from itself.
     """
     import mitsuba as mi
 
     if "scalar" in str(mi.variant()):
         return direct()
-    return {"type": "simrig_all_lights", "shadows": False}
+    return {"type": "simrig_all_lights", "shadows": shadows}
 
 
 def everything(hide_emitters: bool = True) -> dict:

@@ -9,6 +9,8 @@ from typing import Any
 
 from simrig.errors import unknown_name
 from simrig.scenes.maps import environment_map, map_spheres
+from simrig.scenes.receding_cylinders import receding_cylinders
+from simrig.scenes.room import room
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
 from simrig.scenes.traps import bright_corner, hidden_light, hidden_sun, mirror_neighbour
 
@@ -46,6 +48,10 @@ SCENES: dict[str, SceneEntry] = {
     "hidden_sun": _entry(hidden_sun, "plate under a map with a low sun behind a blocker (shadows)"),
     "environment_map": _entry(environment_map, "sphere under an environment map, seen behind it"),
     "map_spheres": _entry(map_spheres, "two spheres apart under an environment map"),
+    "receding_cylinders": _entry(
+        receding_cylinders, "20 or 12 cylinders at 0.6 to 4.4 m, two halves each (section B.2)"
+    ),
+    "room": _entry(room, "six rows of twelve chairs, 14 materials, 12 m deep (Fig. 3.18)"),
 }
 
 

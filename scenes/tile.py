@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simrig.errors import SimrigError
+from simrig.scenes.meshes import mesh
 from simrig.scenes.parts import transform
 
 if TYPE_CHECKING:
@@ -170,28 +171,11 @@ def _mesh(part: Part, name: str) -> Any:
     """
     import mitsuba as mi
 
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(_named(part.bsdf))
-    mesh = mi.Mesh(
-        name,
-        len(part.vertices),
-        len(part.faces),
-        props=properties,
-        has_vertex_normals=part.normals is not None,
-        has_vertex_texcoords=part.uv is not None,
+    colours = None if part.colours is None else part.colours[part.faces].mean(axis=1)
+    bsdf = mi.load_dict(_named(part.bsdf))
+    return mesh(
+        name, part.vertices, part.faces, bsdf, part.normals, part.uv, colours, _FACE_COLOURS
     )
-    if part.colours is not None:
-        colours = part.colours[part.faces].mean(axis=1)
-        mesh.add_attribute(_FACE_COLOURS, 3, colours.ravel())
-    data = mi.traverse(mesh)
-    data["vertex_positions"] = part.vertices.ravel()
-    data["faces"] = part.faces.ravel()
-    if part.normals is not None:
-        data["vertex_normals"] = part.normals.ravel()
-    if part.uv is not None:
-        data["vertex_texcoords"] = part.uv.ravel()
-    data.update()
-    return mesh
 
 
 def _named(bsdf: Any) -> Any:
