@@ -166,7 +166,8 @@ def _panel(
         own = own[np.argsort(x[own], kind="stable")]
         style: dict[str, Any] = {
             "color": COLOURS[number % len(COLOURS)],
-            "marker": MARKERS[number % len(MARKERS)],
+            # beyond seven the colours come back with other markers
+            "marker": MARKERS[(number + number // len(COLOURS)) % len(MARKERS)],
             "markeredgewidth": 1.3,
         }
         panel.plot(x[own], y[own], markerfacecolor="white", label=method, zorder=2, **style)

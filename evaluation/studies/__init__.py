@@ -8,8 +8,10 @@ from simrig.evaluation.studies import (
     gantry_slices,
     improved,
     isotropic_measured,
+    pareto,
     placement,
     plan_validation,
+    table_5_2,
     table_5_3,
 )
 from simrig.evaluation.studies.base import Study
@@ -17,6 +19,7 @@ from simrig.evaluation.studies.base import Study
 STUDIES: dict[str, Study] = {
     study.name: study
     for study in (
+        table_5_2.STUDY,
         table_5_3.STUDY,
         placement.STUDY,
         gantry_elevations.STUDY,
@@ -25,5 +28,6 @@ STUDIES: dict[str, Study] = {
         improved.STUDY,
         isotropic_measured.STUDY,
         plan_validation.STUDY,
+        pareto.STUDY,
     )
 }

@@ -31,6 +31,7 @@ import numpy as np
 from simrig.evaluation.angular_grid import AngularGrid
 from simrig.evaluation.shared_mre import SharedMre
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.material_sets import material_sets
 from simrig.evaluation.studies.placement_choice import summarise_rows
 from simrig.evaluation.studies.placement_shown import plots, table
 from simrig.reconstruction.slices import reconstruct
@@ -137,16 +138,10 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
         ``sets`` (see ``placement_choice.summarise_rows``): the ten materials as printed, and with
         the six two-lobe ones rescaled where these were studied; ``cost``.
     """
-    materials = list(config["materials"])
-    doubled = [name.removesuffix("_rescaled") for name in materials if name.endswith("_rescaled")]
-    sets = {"as printed": [name for name in materials if name in KURT_MATERIALS]}
-    if doubled:
-        sets["rescaled"] = [name for name in materials if name not in doubled]
     return {
         "sets": {
             about: summarise_rows([row for row in rows if row["material"] in names], names)
-            for about, names in sets.items()
-            if names
+            for about, names in material_sets(config["materials"]).items()
         },
         "cost": _cost(rows),
     }

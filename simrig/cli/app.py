@@ -17,6 +17,7 @@ from simrig.cli import (
     frame,
     materials,
     measure,
+    pareto,
     plan,
     render,
     stability,
@@ -54,6 +55,7 @@ for module in (
     convert,
     converge,
     ablate,
+    pareto,
     studies,
     stability,
 ):

@@ -1,0 +1,93 @@
+"""``simrig pareto``: what accuracy costs by every method, and which one to choose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from simrig.cli import frame
+from simrig.errors import SimrigError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    frame.command(app)(pareto)
+
+
+def pareto(
+    materials: Annotated[list[str], typer.Argument(help="Names or files.")],
+    method: Annotated[
+        list[str] | None, typer.Option(help="May be repeated; every method unless given.")
+    ] = None,
+    samples: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Wished numbers, such as 435,2000,8911.")
+    ] = None,
+    budget_hours: Annotated[
+        float | None, typer.Option(help="Advise the least error in so many hours of the device.")
+    ] = None,
+    error: Annotated[
+        float | None, typer.Option(help="Advise the fewest hours with an error no worse.")
+    ] = None,
+    metric: Annotated[str, typer.Option(help="mre (%), dE or psnr (dB).")] = "mre",
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes; more than one need simrig[studies].")
+    ] = 1,
+    output: Annotated[
+        Path | None, typer.Option(help="The folder of the results; output/pareto/... else.")
+    ] = None,
+) -> frame.Report:
+    """Show what accuracy costs by every method, and say which one to choose.
+
+    Error over samples, hours of the device, seconds and bytes, as tables, CSV and plots with what
+    nothing beats marked. Every finished result is kept: after Ctrl-C the same command goes on.
+    """
+    from simrig.evaluation.studies import pareto as study
+    from simrig.evaluation.studies.engine import run_study
+    from simrig.evaluation.studies.pareto_choice import advise, check_wish, find_metric
+    from simrig.evaluation.studies.pareto_shown import flat_rows, subject_tables
+    from simrig.evaluation.studies.storage import write_table
+
+    measure = find_metric(metric)
+    wished = check_wish(budget_hours, error)
+    counts = study.SAMPLES if samples is None else _numbers(samples)
+    config = study.configuration(materials, method or (), counts)
+    folder = output or _folder(config)
+    frame.on_interrupt(f"the same command goes on from the finished results in '{folder}'")
+    with frame.progress("pareto") as report:
+        found = run_study(study.STUDY, config, folder, None, workers, report)
+    files = found.files + write_table(folder / "pareto", flat_rows(found.summary))
+    subjects = found.summary["subjects"]
+    advice = [advise(one, measure, budget_hours, error) for one in subjects] if wished else []
+    data = {
+        "configuration": config,
+        "metric": metric,
+        "output": folder,
+        "run": found.run,
+        **found.summary,
+        "advice": advice,
+        "files": files,
+    }
+    last = f"{folder}: pareto.csv, plots and every result"
+    if not wished:
+        last += "; --budget-hours or --error says which method to choose"
+    lines = [one["line"] for one in advice]
+    return frame.Report(data=data, shown=[*subject_tables(found.summary, metric), *lines, last])
+
+
+def _numbers(text: str) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise SimrigError(
+            f"'{text}' is no list of sample numbers: write for example 435,2000,8911"
+        ) from None
+
+
+def _folder(config: dict[str, Any]) -> Path:
+    """Return a folder of its own for every configuration."""
+    from simrig.evaluation.studies.storage import cell_key
+
+    names = "-".join(Path(name).stem for name in config["materials"])
+    return Path("output", "pareto", f"{names[:60]}-{cell_key(config)[:8]}")
