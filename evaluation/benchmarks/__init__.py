@@ -9,20 +9,20 @@ from types import ModuleType
 
 from simrig.evaluation.benchmarks import (
     btf,
-    conventional,
+    btf_measurement,
     planned,
     plugins,
-    reconstruct,
     sampling,
     storage,
+    whole_array,
 )
 
 BENCHMARKS: dict[str, ModuleType] = {
     "btf": btf,
-    "conventional": conventional,
+    "btf-measurement": btf_measurement,
     "planned": planned,
     "plugins": plugins,
-    "reconstruct": reconstruct,
     "sampling": sampling,
     "storage": storage,
+    "whole-array": whole_array,
 }

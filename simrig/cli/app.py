@@ -9,6 +9,7 @@ import typer
 from simrig import __version__
 from simrig.cli import (
     ablate,
+    btf,
     compare,
     converge,
     convert,
@@ -58,5 +59,6 @@ for module in (
     pareto,
     studies,
     stability,
+    btf,
 ):
     module.register(app)

@@ -25,7 +25,7 @@ import numpy as np
 from simrig.data.btf_hdf5 import BtfWriter, read_btf
 from simrig.data.images import read_image, write_exr
 from simrig.errors import SimrigError, unknown_name
-from simrig.reflectance.btf import BtfStack
+from simrig.reflectance.btf import BtfStack, checked_size
 
 COLOURS = ("auto", "rgb", "xyz")
 _NAME = re.compile(r"tl(\d+)[ _]+pl(\d+)[ _]+tv(\d+)[ _]+pv(\d+)\.(exr|png|jpe?g)$", re.IGNORECASE)
@@ -155,6 +155,23 @@ def write_btf_images(folder: str | Path, stack: BtfStack) -> list[Path]:
             write_exr(path, image, {**exact, **size, "comments": f"f_r in 1/sr of {stack.name}"})
             written.append(path)
     return written
+
+
+def recorded_size(folder: str | Path) -> tuple[float, float]:
+    """Return the width and height of the tile in mm that pictures of simrig carry.
+
+    Raises:
+        SimrigError: as ``find_btf_images``; or the first picture does not say.
+    """
+    first = find_btf_images(folder)[0][0]
+    if _exact_angles(first) is not None:
+        import OpenEXR
+
+        header = OpenEXR.File(str(first), header_only=True).header()
+        sides = str(header.get("size_mm", "")).split()
+        if len(sides) == 2:
+            return checked_size([float(side) for side in sides], first.name)
+    raise SimrigError(f"the pictures below '{folder}' do not say how large their tile is: give it")
 
 
 def _f_r(

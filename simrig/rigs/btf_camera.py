@@ -125,7 +125,7 @@ class TileCamera:
         values, apart = [], 0.0
         for order in range(orders):
             if order:
-                si, weight = self._bounced(si, weight, number, order, first * width * self.spp)
+                si, weight = self._bounced(si, weight, number, order, first * width, texels)
             halves = self._lit(si, weight, lights, texels)
             even, odd = (h.reshape(len(lights), n, width, 3) for h in halves)
             values.append((even + odd) * np.float32(1.0 / self.spp))
@@ -184,9 +184,14 @@ class TileCamera:
             p.x - width * dr.floor(p.x / width), p.y - height * dr.floor(p.y / height), p.z
         )
 
-    def _bounced(self, si: Any, weight: Any, number: int, order: int, first: int) -> tuple:
+    def _bounced(
+        self, si: Any, weight: Any, number: int, order: int, first: int, texels: int
+    ) -> tuple[Any, Any]:
         """Return the next vertices of the paths and what light from there is worth."""
-        index = dr.arange(mi.UInt32, dr.width(si.p)) + dr.opaque(mi.UInt32, first)
+        lane = dr.arange(mi.UInt32, texels * self.spp)
+        height, width = self.resolution
+        # the number of a path does not depend on the block that it is in
+        index = lane // texels * (height * width) + lane % texels + dr.opaque(mi.UInt32, first)
         one, two = (self._uniforms(index, number, 2 * order + k) for k in (0, 1))
         active = si.is_valid()
         drawn, value = si.bsdf().sample(mi.BSDFContext(), si, one[0], mi.Point2f(*two), active)

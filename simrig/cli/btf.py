@@ -1,0 +1,297 @@
+"""``simrig btf``: measure a BTF, look at one, convert it, average it."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simrig.cli import frame
+from simrig.cli.effect_options import plan_table
+from simrig.cli.outputs import output_file
+from simrig.errors import SimrigError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from simrig.directions.schemes import HemisphereScheme
+
+_File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
+_Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
+_BY_COUNT = {"81x81": "hemisphere_81", "151x151": "hemisphere_151"}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    group = typer.Typer(help="BTFs: measure, look at, convert, average.")
+    for name, function in (
+        ("measure", measure),
+        ("info", info),
+        ("convert", convert),
+        ("average", average),
+    ):
+        frame.command(group, name)(function)
+    app.add_typer(group, name="btf")
+
+
+def measure(
+    preset: Annotated[str, typer.Argument(help="See 'simrig materials --structures'.")],
+    output: Annotated[Path, typer.Option(help="The BTF (.h5).")],
+    directions: Annotated[
+        str,
+        typer.Option(help="81x81, 151x151, the number of a uniform scheme (1 to 30), or a name."),
+    ] = "81x81",
+    pairs: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead: a table of theta_i, theta_v, phi_i, phi_v in degrees, one pair a line."
+        ),
+    ] = None,
+    resolution: Annotated[int, typer.Option(help="Texels along x.")] = 128,
+    spp: Annotated[int, typer.Option(help="Samples per texel.")] = 16,
+    orders: Annotated[str, typer.Option(help="Reflections at most: 1 to 8, or auto.")] = "auto",
+    tolerance: Annotated[
+        str | None, typer.Option(help="Of auto: dE=0.5 unless given; see docs/effects.md.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the tile and of the samples.")] = 0,
+    single: Annotated[
+        bool, typer.Option("--single", help="Store float32 in place of float16.")
+    ] = False,
+    force: _Force = False,
+) -> frame.Report:
+    """Measure the BTF of a material with structure: one registered image per pair of directions.
+
+    Images are written view by view: after Ctrl-C the same command goes on.
+    """
+    import numpy as np
+
+    from simrig import backend
+    from simrig.effects import DEFAULT_TOLERANCE, parse_tolerance
+    from simrig.mesostructure import build_tile
+    from simrig.rigs.btf import (
+        btf_angles,
+        by_view,
+        checked_orders,
+        checked_plan,
+        measure_btf,
+        resolution_of,
+        stack_bytes,
+    )
+    from simrig.rigs.btf_orders import plan_orders
+
+    angles = btf_angles(_scheme(directions)) if pairs is None else by_view(_listed(pairs))
+    angles = checked_plan(angles)
+    allowed = parse_tolerance(tolerance or DEFAULT_TOLERANCE)
+    fixed = None if orders == "auto" else checked_orders(_number(orders))
+    if fixed is not None and tolerance:
+        raise SimrigError("--tolerance is for --orders auto: leave one of them out")
+    tile = build_tile(preset, seed=seed)
+    shape = resolution_of(tile, resolution)
+    dtype = np.float32 if single else np.float16
+    size = stack_bytes(len(angles), shape, dtype)
+    _check_room(output, size)
+    start, plan = time.perf_counter(), None
+    with output_file(output, force):
+        frame.on_interrupt(f"the same command goes on from '{output}.part'")
+        variant = backend.select("auto")
+        if fixed is None:
+            plan = plan_orders(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
+            fixed = int(plan.settings["orders"])
+        label = f"{preset}: {len(angles):,} images, {_mega(size)}, {fixed} orders; views"
+        with frame.progress(label) as report:
+            stack = measure_btf(
+                tile,
+                angles,
+                shape,
+                spp,
+                orders=fixed,
+                seed=seed,
+                path=output,
+                dtype=dtype,
+                variant=variant,
+                about={"preset": preset, "tile_seed": seed},
+                progress=report,
+            )
+    data = _described(output) | {
+        "seconds": time.perf_counter() - start,
+        "cpu_seconds": time.process_time(),
+        "plan": None if plan is None else plan.as_dict(),
+    }
+    error = stack.provenance["standard_error"]
+    return frame.Report(
+        data,
+        [
+            f"{output}: {len(stack):,} images of {shape[1]} × {shape[0]} texels, "
+            f"{_mega(size)} ({_mega(output.stat().st_size)} on disk), in {data['seconds']:.1f} s "
+            f"({data['cpu_seconds']:.1f} s of processor time)",
+            f"orders of reflection: {fixed}; standard error "
+            + ("unknown with one sample" if error is None else f"{error:.2g}/sr"),
+            *([] if plan is None else [plan_table(plan, f"orders at {allowed}")]),
+        ],
+    )
+
+
+def info(file: _File) -> frame.Report:
+    """Say what a BTF file holds and how it came about."""
+    about = _described(file)
+    rows = [(key, frame.plain(value)) for key, value in about.items()]
+    return frame.Report(about, [frame.table(("property", "value"), rows)])
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(help="A BTF file, or a folder of pictures.")],
+    output: Annotated[Path, typer.Argument(help="A new folder, or a BTF file (.h5).")],
+    size_mm: Annotated[
+        str | None, typer.Option(help="Width and height of the tile that a folder shows: 10x10.")
+    ] = None,
+    colour: Annotated[str, typer.Option(help="Of the pictures: auto, rgb or xyz.")] = "auto",
+    factor: Annotated[float, typer.Option(help="Makes the pictures' values f_r in 1/sr.")] = 1.0,
+    with_cosine: Annotated[
+        bool, typer.Option("--with-cosine", help="The pictures hold f_r times cos theta_i.")
+    ] = False,
+    force: _Force = False,
+) -> frame.Report:
+    """Turn a BTF file into a folder of OpenEXR pictures, or a folder of pictures into a file.
+
+    Folders: named by their angles as UTIA and Bonn publish them. Our own pictures carry their
+    size and exact angles.
+    """
+    from simrig.data.btf_hdf5 import read_btf
+    from simrig.data.btf_images import PixelValues, import_btf, recorded_size, write_btf_images
+
+    if not source.is_dir():
+        stack = read_btf(source)
+        written = write_btf_images(output, stack)
+        return frame.Report(
+            {"output": output, "pictures": len(written)},
+            [f"{output}: {len(written):,} pictures of {stack.name}"],
+        )
+    values = PixelValues(colour, factor, with_cosine)
+    size = recorded_size(source) if size_mm is None else _sides(size_mm)
+    with output_file(output, force):
+        frame.on_interrupt(f"the same command goes on from '{output}.part'")
+        with frame.progress(f"reading {source.name}") as report:
+            stack = import_btf(source, output, size, values, progress=report)
+    return frame.Report(_described(output), [f"{output}: {len(stack):,} images of {stack.name}"])
+
+
+def average(
+    file: _File,
+    output: Annotated[Path, typer.Option(help="The BRDF: .h5, or another format by its ending.")],
+    format: Annotated[
+        str | None, typer.Option(help="See 'simrig convert'; by the ending else.")
+    ] = None,
+    force: _Force = False,
+) -> frame.Report:
+    """Average a BTF over its texels: the BRDF that 'render' and 'compare' take."""
+    from simrig.data.btf_hdf5 import read_btf
+    from simrig.data.load import save_material
+    from simrig.reflectance.btf_average import average_brdf
+
+    stack = read_btf(file)
+    with output_file(output, force):
+        brdf = average_brdf(stack)
+        saved = save_material(output, brdf, format)
+    return frame.Report(
+        {
+            "output": output,
+            "material": brdf.name,
+            "directions": len(brdf.theta),
+            "reciprocal": brdf.reciprocal,
+            "format": saved.format,
+            "bytes": saved.bytes,
+        },
+        [f"{output}: {brdf.name}, {len(brdf.theta)} × {len(brdf.theta)} directions"],
+    )
+
+
+def _described(file: Path) -> dict[str, Any]:
+    """Return what a file holds, plain values."""
+    import numpy as np
+
+    from simrig.data.btf_hdf5 import read_btf, read_notes
+
+    stack, notes = read_btf(file), read_notes(file)
+    steepest = np.degrees(stack.angles[:, :2].max(axis=0))
+    error = notes.get("standard_error")
+    return {
+        "file": file,
+        "name": stack.name,
+        "images": len(stack),
+        "lights": len(np.unique(stack.angles[:, [0, 2]], axis=0)),
+        "views": len(np.unique(stack.angles[:, [1, 3]], axis=0)),
+        "largest_theta_deg": {"light": float(steepest[0]), "view": float(steepest[1])},
+        "resolution": list(stack.resolution),
+        "size_mm": list(stack.size_mm),
+        "type": str(stack.values.dtype),
+        "bytes": stack.nbytes,
+        "bytes_on_disk": file.stat().st_size,
+        "standard_error": None if error is None else float(np.sqrt(np.mean(error**2))),
+        "provenance": dict(stack.provenance),
+    }
+
+
+def _scheme(text: str) -> HemisphereScheme:
+    from simrig.directions.schemes import SCHEMES, scheme, uniform_scheme
+    from simrig.errors import unknown_name
+
+    name = _BY_COUNT.get(text, text)
+    if name.isdecimal():
+        return uniform_scheme(int(name))
+    if name not in SCHEMES:
+        raise unknown_name("directions", text, (*_BY_COUNT, *SCHEMES))
+    return scheme(name)
+
+
+def _listed(path: Path) -> np.ndarray:
+    """Return the pairs of a text file, (n, 4) radians."""
+    import numpy as np
+
+    try:
+        text = path.read_text().replace(",", " ").replace(";", " ")
+        return np.radians([[float(word) for word in line.split()] for line in _rows(text)])
+    except ValueError:
+        raise SimrigError(
+            f"'{path}' is no list of pairs: four angles in degrees a line, theta_i, theta_v, "
+            "phi_i, phi_v"
+        ) from None
+
+
+def _rows(text: str) -> list[str]:
+    rows = (line.split("#")[0].strip() for line in text.splitlines())
+    return [row for row in rows if row]
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal():
+        raise SimrigError(f"--orders is a number or auto, got '{text}'")
+    return int(text)
+
+
+def _sides(text: str) -> tuple[float, float]:
+    try:
+        width, height = (float(side) for side in text.lower().split("x"))
+    except ValueError:
+        raise SimrigError(f"--size-mm is WIDTHxHEIGHT in mm such as 10x10, got '{text}'") from None
+    return width, height
+
+
+def _check_room(output: Path, size: int) -> None:
+    """Refuse a measurement that the disk has no room for."""
+    folder = output.absolute().parent
+    if not folder.is_dir():
+        return  # the output's own check says so
+    part = output.with_name(output.name + ".part")
+    free = shutil.disk_usage(folder).free + (part.stat().st_size if part.is_file() else 0)
+    if size > free:
+        raise SimrigError(
+            f"the images take up to {size:,} bytes and '{folder}' has {free:,}: ask for fewer "
+            "directions or a smaller --resolution"
+        )
+
+
+def _mega(size: int) -> str:
+    return f"{size / 1e6:,.1f} MB"

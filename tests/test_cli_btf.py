@@ -1,0 +1,121 @@
+"""``simrig btf``: from a preset to a file, a folder and back, and a BRDF; refusals in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from simrig.cli import btf
+from simrig.cli.app import app
+from simrig.data.btf_hdf5 import read_btf, write_btf
+from simrig.data.load import load_material
+from simrig.directions.schemes import uniform_scheme
+from simrig.errors import SimrigError
+from simrig.reflectance.btf import BtfStack
+from simrig.reflectance.btf_average import average_brdf
+from simrig.reflectance.btf_synthetic import bumps
+from simrig.reflectance.protocol import evaluate
+from simrig.rigs.btf import by_view
+
+
+def call(*arguments: str | Path) -> str:
+    result = CliRunner().invoke(app, ["btf", *map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(*arguments: str | Path) -> str:
+    result = CliRunner().invoke(app, ["btf", *map(str, arguments)])
+    assert result.exit_code == 2, result.output
+    assert len(result.stderr.strip().splitlines()) == 1
+    return result.stderr
+
+
+@pytest.fixture
+def pairs(tmp_path: Path) -> Path:
+    path = tmp_path / "pairs.csv"
+    path.write_text("# degrees\n10, 0, 0, 0\n50.25, 30, 90, 45\n60 30 10 45\n")
+    return path
+
+
+def test_measure_info_convert_and_back(tmp_path: Path, pairs: Path) -> None:
+    file, folder, again = tmp_path / "a.h5", tmp_path / "pictures", tmp_path / "b.h5"
+    small = ("--resolution", "6", "--spp", "2", "--orders", "2", "--pairs", pairs)
+    said = json.loads(call("measure", "leather_nappa", "--output", file, *small, "--json"))
+    assert said["images"] == 3
+    assert said["provenance"]["orders"] == 2
+    assert said["standard_error"] > 0.0
+    assert "leather_nappa" in call("info", file)
+    call("convert", file, folder)
+    call("convert", folder, again)
+    first, second = read_btf(file), read_btf(again)
+    assert second.size_mm == first.size_mm
+    order = [np.argmin(np.abs(first.angles - a).sum(axis=1)) for a in second.angles]
+    np.testing.assert_allclose(second.angles, first.angles[order], atol=1e-12)
+    np.testing.assert_array_equal(second.values[()], first.values[()][order])
+
+
+def test_the_average_of_a_btf_renders_as_a_material(tmp_path: Path) -> None:
+    stack = bumps((4, 4), (8.0, 8.0), "uniform_1")
+    file, brdf = tmp_path / "bumps.h5", tmp_path / "brdf.h5"
+    write_btf(file, stack)
+    call("average", file, "--output", brdf)
+    wi, wv = stack.directions
+    found = evaluate(load_material(str(brdf)), wi, wv)
+    expected = np.stack([np.asarray(v, dtype=np.float64).mean(axis=(0, 1)) for v in stack.values])
+    # at 90° and beyond the light is gone; the scheme ends at 80°
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-7)
+
+
+def test_the_order_of_pairs_does_not_change_the_average() -> None:
+    stack = bumps((2, 2), (8.0, 8.0), "uniform_1")
+    angles = by_view(stack.angles)
+    where = np.lexsort(stack.angles.T)[np.argsort(np.lexsort(angles.T))]
+    other = BtfStack(np.asarray(stack.values)[where], angles, stack.size_mm)
+    wi, wv = stack.directions
+    first, second = (evaluate(average_brdf(s), wi, wv) for s in (stack, other))
+    np.testing.assert_allclose(first, second, rtol=1e-6)
+
+
+def test_an_average_needs_all_pairs() -> None:
+    stack = bumps((2, 2), (8.0, 8.0), "uniform_1")
+    lacking = BtfStack(np.asarray(stack.values)[:-1], stack.angles[:-1], stack.size_mm)
+    with pytest.raises(SimrigError, match="lacks 1 of the 841 pairs"):
+        average_brdf(lacking)
+    one_view = BtfStack(np.asarray(stack.values)[::29], stack.angles[::29], stack.size_mm)
+    with pytest.raises(SimrigError, match="other directions"):
+        average_brdf(one_view)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"), [("81x81", 81), ("151x151", 151), ("1", 29), ("uniform_14", None)]
+)
+def test_directions_by_count_number_and_name(text: str, count: int | None) -> None:
+    assert len(btf._scheme(text)) == (count or len(uniform_scheme(14)))
+
+
+def test_bad_input(tmp_path: Path, pairs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    there, new = tmp_path / "there.h5", tmp_path / "new.h5"
+    there.write_text("something else")
+    assert "exists" in refused("measure", "leather_nappa", "--output", there)
+    assert "leather_nappa" in refused("measure", "leather_napa", "--output", new)
+    assert "directions" in refused("measure", "leather_nappa", "--output", new, "--directions", "x")
+    assert "1 to 8" in refused("measure", "leather_nappa", "--output", new, "--orders", "9")
+    assert "number" in refused("measure", "leather_nappa", "--output", new, "--orders", "few")
+    pairs.write_text("95 0 0 0\n")
+    assert "outside" in refused("measure", "leather_nappa", "--output", new, "--pairs", pairs)
+    pairs.write_text("theta phi\n")
+    assert "no list of pairs" in refused(
+        "measure", "leather_nappa", "--output", new, "--pairs", pairs
+    )
+    assert "does not exist" in refused("measure", "leather_nappa", "--output", "/nowhere/a.h5")
+    huge = ("measure", "leather_nappa", "--output", new, "--resolution", "16384")
+    assert "10,567,230,160,896 bytes" in refused(*huge)
+    assert refused("info", there)
+    (tmp_path / "empty").mkdir()
+    assert "no picture" in refused("convert", tmp_path / "empty", new)
+    assert not new.exists()
