@@ -97,7 +97,7 @@ def pixel_directions(scene: Any, light: int = 0) -> ControlSamples:
     if isinstance(scene, dict):
         scene = mi.load_dict(scene)
     emitter = _delta_light(scene, light)
-    si, width, height = _look_through_centres(scene)
+    si, width, height = look_through_centres(scene)
     ok = si.is_valid()
     sample, irradiance = emitter.sample_direction(si, mi.Point2f(0.5), ok)
     reached = ok & ~scene.ray_test(si.spawn_ray_to(sample.p), ok)
@@ -109,7 +109,7 @@ def pixel_directions(scene: Any, light: int = 0) -> ControlSamples:
         object_mask=np.array(ok).reshape(height, width),
         lit_mask=lit.reshape(height, width),
         shape_names=tuple(shape.id() for shape in scene.shapes()),
-        shape_index=_shape_numbers(scene, si)[lit],
+        shape_index=shape_numbers(scene, si)[lit],
         omega_i=_unit(omega_i[lit]),
         omega_v=_unit(omega_v[lit]),
         weight=weight[lit],
@@ -128,7 +128,7 @@ def _delta_light(scene: Any, light: int) -> Any:
     return emitters[light]
 
 
-def _look_through_centres(scene: Any) -> tuple[Any, int, int]:
+def look_through_centres(scene: Any) -> tuple[Any, int, int]:
     """Return the surface interactions of the rays through the pixel centres, row by row."""
     sensor = scene.sensors()[0]
     width, height = (int(n) for n in sensor.film().size())
@@ -139,7 +139,7 @@ def _look_through_centres(scene: Any) -> tuple[Any, int, int]:
     return scene.ray_intersect(ray), width, height
 
 
-def _shape_numbers(scene: Any, si: Any) -> np.ndarray:
+def shape_numbers(scene: Any, si: Any) -> np.ndarray:
     """Return the index in ``scene.shapes()`` of what each interaction hit (0 where nothing)."""
     known = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
     hit = np.array(dr.reinterpret_array(mi.UInt32, si.shape))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from simrig.evaluation.studies import (
+    critical_distance,
     gantry_elevations,
     gantry_methods,
     gantry_slices,
@@ -26,6 +27,7 @@ STUDIES: dict[str, Study] = {
         gantry_slices.STUDY,
         gantry_methods.STUDY,
         improved.STUDY,
+        critical_distance.STUDY,
         isotropic_measured.STUDY,
         plan_validation.STUDY,
         pareto.STUDY,

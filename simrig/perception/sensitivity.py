@@ -61,5 +61,5 @@ def contrast_sensitivity(spatial_cpd: ArrayLike, temporal_hz: ArrayLike = STATIC
 def _positive(values: ArrayLike, what: str) -> np.ndarray:
     checked = np.asarray(values, dtype=np.float64)
     if not (np.isfinite(checked) & (checked > 0.0)).all():
-        raise SimrigError(f"{what} must be positive and finite, got {values}")
+        raise SimrigError(f"{what} must be positive and finite, got {values!r}")
     return checked

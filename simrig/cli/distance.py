@@ -1,0 +1,175 @@
+"""``simrig distance`` and ``simrig distance-map``: from where structure can be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simrig.cli import frame
+from simrig.cli.outputs import output_file
+from simrig.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.evaluation.structure_look import Stimulus
+
+_HDF5 = (".h5", ".hdf5")
+_PICTURES = (".png", ".exr", ".hdr")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    frame.command(app)(distance)
+    frame.command(app, "distance-map")(distance_map)
+
+
+def distance(
+    material: Annotated[
+        str, typer.Argument(help="A material with structure, a BTF (.h5), or a picture of one.")
+    ],
+    size_mm: Annotated[
+        float | None, typer.Option(help="Width of what a picture shows, in mm.")
+    ] = None,
+    structure_mm: Annotated[
+        float | None,
+        typer.Option(help="Size of the largest element; else the preset's, or found."),
+    ] = None,
+    spp: Annotated[int, typer.Option(min=4, help="Samples per pixel, of a preset.")] = 256,
+    seed: Annotated[int, typer.Option(min=0, help="Of a preset.")] = 0,
+) -> frame.Report:
+    """Predict from which distance on the structure of a material cannot be seen.
+
+    What is looked at: a flat piece from 0.6 m under two lights, see docs/perception.md.
+    """
+    from simrig.evaluation.structure_look import FEATURES, look
+
+    stimulus, given = _stimulus(material, size_mm, spp, seed)
+    seen = look(stimulus, structure_mm or given)
+    source = "given" if structure_mm else "of the preset" if given else "found in the spectrum"
+    rows = [(name, seen.features[name], *_predicted(name, seen.distances_m)) for name in FEATURES]
+    height, width = stimulus.textured.shape
+    found = ", ".join(f"{size:.3g} mm by {name}" for name, size in seen.found_mm.items())
+    return frame.Report(
+        data={
+            "material": stimulus.name,
+            "structure_mm": seen.structure_mm,
+            "structure_source": source,
+            "found_mm": seen.found_mm,
+            "features": seen.features,
+            "distances_m": seen.distances_m,
+            "pixels": [width, height],
+            "pixel_mm": stimulus.pixel_mm,
+            **seen.cost.as_dict(),
+        },
+        shown=[
+            f"{stimulus.name}: S = {seen.structure_mm:.3g} mm, {source} (found: {found})",
+            frame.table(("feature", "F", "critical distance / m"), rows),
+            f"{width} × {height} pixels of {stimulus.pixel_mm:.3f} mm at 0.6 m, "
+            f"{seen.cost.compute_seconds:.2f} s and {seen.cost.compile_seconds:.2f} s compilation",
+        ],
+    )
+
+
+def distance_map(
+    scene: Annotated[str, typer.Argument(help="A Mitsuba scene file (.xml).")],
+    output: Annotated[Path, typer.Option(help="The map, a .png.")],
+    critical: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=DISTANCE",
+            help="Of a shape or a BSDF: metres, or a material with structure to predict it for.",
+        ),
+    ] = None,
+    metres_per_unit: Annotated[
+        float, typer.Option(help="What one unit of the scene is; a millimetre else.")
+    ] = 1e-3,
+    spp: Annotated[int, typer.Option(min=1, help="Samples per pixel of the picture.")] = 16,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
+) -> frame.Report:
+    """Draw where in a scene the structure of materials can be seen from the camera."""
+    from simrig import backend
+    from simrig.cli.scene_argument import scene_file
+    from simrig.evaluation.distance_map import distance_map as measure
+    from simrig.evaluation.distance_map import draw_distance_map, load_as_written
+    from simrig.evaluation.rendering import display_exposure, render
+
+    if output.suffix.lower() != ".png":
+        raise SimrigError(f"'{output}': maps are written as .png")
+    path = scene_file(scene)
+    asked = [_assignment(text) for text in critical or []]
+    with output_file(output, force):
+        backend.select()
+        loaded = load_as_written(path)
+        distances = {name: _metres(value) for name, value in asked}
+        found = measure(loaded, distances, metres_per_unit)
+        picture = render(loaded, spp=spp)
+        draw_distance_map(found, picture.image, output, display_exposure(picture.image))
+    height, width = found.distance_m.shape
+    shares = found.shares()
+    rows = [(name, f"{100.0 * share:.1f} %") for name, share in shares.items()]
+    return frame.Report(
+        data={
+            "file": output,
+            "width": width,
+            "height": height,
+            "critical_m": distances,
+            "shares": shares,
+            "names": found.names,
+            **picture.cost.as_dict(),
+        },
+        shown=[
+            frame.table(("structure", "of the surfaces"), rows),
+            *(f"{name}: {value:.2f} m" for name, value in distances.items()),
+            f"{output}: {width} × {height}",
+        ],
+    )
+
+
+def _stimulus(
+    material: str, size_mm: float | None, spp: int, seed: int
+) -> tuple[Stimulus, float | None]:
+    """Return what to look at, and the size of its structure where it is known."""
+    from simrig.evaluation import structure_look as looks
+    from simrig.mesostructure import PRESETS, build_tile
+
+    suffix = Path(material).suffix.lower()
+    is_picture = suffix in _PICTURES
+    if is_picture != (size_mm is not None):
+        advice = "--size-mm says how wide a picture is, and only a picture needs it"
+        raise SimrigError(f"'{material}': {advice}")
+    if size_mm is not None:
+        from simrig.data.images import read_image
+
+        return looks.image_stimulus(read_image(material), size_mm, Path(material).name), None
+    if suffix in _HDF5:
+        from simrig.data.btf_hdf5 import read_btf
+
+        return looks.btf_stimulus(read_btf(material)), None
+    from simrig import backend
+
+    tile = build_tile(material, seed=seed)  # an unknown name is refused with the known ones
+    backend.select()
+    return looks.tile_stimulus(tile, spp=spp), PRESETS[material].structure.element_mm
+
+
+def _predicted(name: str, distances: dict[str, float]) -> tuple[Any]:
+    return (f"{distances[name]:.2f}" if name in distances else "",)
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise SimrigError(f"--critical takes NAME=DISTANCE, got '{text}'")
+    return name, value
+
+
+def _metres(value: str) -> float:
+    """Return a number of metres, or what is predicted for a material with structure."""
+    try:
+        return float(value)
+    except ValueError:
+        from simrig.evaluation.structure_look import look
+
+        stimulus, size = _stimulus(value, None, 64, 0)
+        return look(stimulus, size).distances_m["saliency"]
