@@ -10,21 +10,19 @@ from types import ModuleType
 from simrig.evaluation.benchmarks import (
     btf,
     btf_measurement,
-    conventional,
     planned,
     plugins,
-    reconstruct,
     sampling,
     storage,
+    whole_array,
 )
 
 BENCHMARKS: dict[str, ModuleType] = {
     "btf": btf,
     "btf-measurement": btf_measurement,
-    "conventional": conventional,
     "planned": planned,
     "plugins": plugins,
-    "reconstruct": reconstruct,
     "sampling": sampling,
     "storage": storage,
+    "whole-array": whole_array,
 }

@@ -11,7 +11,7 @@ from simrig.evaluation.plots import COST_AXES, CostAxis, CostPoint, accuracy_ver
 from simrig.evaluation.studies.base import Row
 from simrig.evaluation.studies.pareto_choice import COSTS, METRICS, Metric
 
-AXES = (*COST_AXES, CostAxis("bytes of the result", lambda cost: float(cost.bytes)))
+AXES = (*COST_AXES, CostAxis("size of the result [KB]", lambda cost: cost.bytes / 1000.0))
 _SECONDS = {
     "sampling": "sampling_seconds",
     "rebuilding": "reconstruction_seconds",
