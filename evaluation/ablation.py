@@ -47,6 +47,8 @@ class Row:
         metrics: ``delta_e``, ``delta_e_noise``, ``delta_e_max``, ``psnr`` and ``relative``.
         seconds: of rendering with it.
         saved: seconds that leaving it out saves.
+        expected: seconds that the plan expected it to save at as many samples; None where it
+            gives no number.
         note: what the numbers need to be understood.
     """
 
@@ -58,6 +60,7 @@ class Row:
     metrics: dict[str, float]
     seconds: float
     saved: float
+    expected: float | None = None
     note: str = ""
 
     @property
@@ -80,6 +83,7 @@ class Row:
             **self.metrics,
             "seconds": self.seconds,
             "saved_s": self.saved,
+            "expected_s": self.expected,
             "note": self.note,
         }
 
@@ -94,6 +98,7 @@ class Ablation:
         spp: samples per pixel of the picture with everything, both halves together.
         noise: its standard error, in the tolerance's unit.
         seconds: of rendering it.
+        planned_seconds: of the planned render; the plan's ``render_s`` is what was expected.
     """
 
     plan: Plan
@@ -101,6 +106,7 @@ class Ablation:
     spp: int
     noise: float
     seconds: float
+    planned_seconds: float
 
     @property
     def violations(self) -> tuple[Row, ...]:
@@ -112,6 +118,7 @@ class Ablation:
         return {
             "plan": self.plan.as_dict(),
             "reference": {"spp": self.spp, "noise": self.noise, "seconds": self.seconds},
+            "planned": {"seconds": self.planned_seconds, "expected_s": self.plan.about["render_s"]},
             "rows": [row.as_dict() for row in self.rows],
             "checks": sum(row.bound is not None for row in self.rows),
             "violations": [row.as_dict() for row in self.violations],
@@ -149,11 +156,14 @@ def ablate(
     for done, decision in enumerate(plan.effects, start=1):
         report(done, len(plan.effects) + 2, decision.effect)
         rows += effect_rows(pictures, decision)
-    rows += [plan_row(pictures, plan), planned_render_row(pictures, plan)[0]]
+    planned_row, planned = planned_render_row(pictures, plan)
+    rows += [plan_row(pictures, plan), planned_row]
     report(1, 1)
     everything = pictures.everything
     noise = pictures.standard_error(everything)
-    return Ablation(plan, tuple(rows), everything.spp, noise, everything.run_seconds)
+    return Ablation(
+        plan, tuple(rows), everything.spp, noise, everything.run_seconds, planned.run_seconds
+    )
 
 
 def effect_rows(pictures: Pictures, decision: Decision) -> Iterator[Row]:
@@ -238,7 +248,19 @@ def _compare(
     metrics = {key: numbers[key] for key in kept}
     saved = first.run_seconds - second.run_seconds
     change = found.of(pictures.plan.tolerance)
-    return Row(*about, change, metrics, first.run_seconds, saved, note)
+    expected = _expected(pictures, about[0], first.spp)
+    return Row(*about, change, metrics, first.run_seconds, saved, expected, note)
+
+
+def _expected(pictures: Pictures, effect: str, spp: int) -> float | None:
+    """Return the seconds that the plan expects an effect to cost at other samples per pixel."""
+    planned = pictures.plan.settings["spp"]
+    cost = next((d.cost_s for d in pictures.plan.effects if d.effect == effect), None)
+    if cost is None or effect == ENVIRONMENT:  # whose cost is that of other samples on each side
+        return None
+    if effect == ANTI_ALIASING:
+        return cost * (spp - 1) / (planned - 1) if planned > 1 else None
+    return cost * spp / planned
 
 
 def _one_sample(pictures: Pictures, decision: Decision) -> Row:
@@ -285,4 +307,5 @@ def _off(
     }
     seconds = float(np.mean([result.run_seconds for result in renders]))
     change = Change(means[metric], known[metric], least)
-    return Row(*about, change, metrics, picture.run_seconds, picture.run_seconds - seconds, note)
+    saved, expected = picture.run_seconds - seconds, _expected(pictures, about[0], picture.spp)
+    return Row(*about, change, metrics, picture.run_seconds, saved, expected, note)

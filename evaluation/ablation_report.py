@@ -10,7 +10,8 @@ from rich.table import Table
 
 from simrig.evaluation.ablation import Ablation, Row
 
-_COLUMNS = ("bound", "changed", "noise", "ΔE mean", "ΔE max", "PSNR [dB]", "relative", "saved [s]")
+_COLUMNS = ("bound", "changed", "noise", "ΔE mean", "ΔE max", "PSNR [dB]", "relative")
+_SECONDS = ("saved [s]", "expected [s]")
 
 
 def ablation_tables(result: Ablation) -> list[Any]:
@@ -20,13 +21,15 @@ def ablation_tables(result: Ablation) -> list[Any]:
     before = (
         f"tolerance {result.plan.tolerance}; plan: {settings}\n"
         f"everything: {result.spp:,} samples per pixel, {result.seconds:.2f} s, "
-        f"standard error {result.noise:.2g} {unit}"
+        f"standard error {result.noise:.2g} {unit}\n"
+        f"planned render: {result.planned_seconds:.2g} s, expected "
+        f"{result.plan.about['render_s']:.2g} s"
     )
     title = f"what each effect changes [{unit}]; noise: what it would be without any change"
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
     for name in ("effect", "", "plan"):
         table.add_column(name)
-    for name in _COLUMNS:
+    for name in (*_COLUMNS, *_SECONDS):
         table.add_column(name, justify="right")
     table.add_column("note")
     for row in result.rows:
@@ -50,6 +53,7 @@ def _cells(row: Row) -> tuple[str, ...]:
         "∞" if math.isinf(psnr) else f"{psnr:.1f}",
         f"{row.metrics['relative']:.2g}",
         f"{row.saved:.3f}",
+        "" if row.expected is None else f"{row.expected:.3f}",
         note,
     )
 

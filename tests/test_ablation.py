@@ -201,3 +201,18 @@ def test_the_validation_study_judges_a_planner_that_is_right_and_one_that_is_not
     wrong = run_study(study, config, tmp_path / "wrong").summary
     assert wrong["rows"][0]["met"] is False and wrong["summary"]["missed"] == 1
     assert wrong["summary"]["violations"] >= 1
+
+
+def test_expected_seconds_stand_beside_measured_ones(low_light: Ablation) -> None:
+    """What the plan expects of its own samples, scaled to those of the pictures."""
+    plan, everything = low_light.plan, low_light.spp
+    data = low_light.as_dict()
+    assert data["planned"]["expected_s"] == plan.about["render_s"] > 0.0
+    assert data["planned"]["seconds"] > 0.0
+    costs = {d.effect: d.cost_s for d in plan.effects}
+    samples = everything / plan.settings["spp"]
+    for effect in ("shadowing", "inter-reflection"):
+        expected = row(low_light, effect).expected
+        assert expected == pytest.approx(costs[effect] * samples) and expected > 0.0
+    assert "expected" in ablation_tables(low_light)[0]
+    assert row(low_light, "plan").expected is None

@@ -89,7 +89,7 @@ def made_up(direct: float, indirect: float, largest: float, paths: int) -> PathL
     halves[0], halves[1] = direct, indirect
     tail = np.zeros(ORDERS)
     tail[0] = largest
-    return PathLook(halves, tail, paths, 1e-7, 0.0, [])
+    return PathLook(halves, tail, paths, 1e-7, [])
 
 
 def test_what_no_path_met_is_allowed_for() -> None:

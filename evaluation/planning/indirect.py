@@ -51,14 +51,12 @@ class PathLook:
         largest: (ORDERS,) largest radiance of one path from indirect order k on.
         paths: how many in all.
         seconds_per_sample: of the kernel, all orders.
-        overhead_s: of tracing the program and launching it.
     """
 
     halves: np.ndarray
     largest: np.ndarray
     paths: int
     seconds_per_sample: float
-    overhead_s: float
     _orders: Sequence[Any]
 
     def radiance(self, depth: int) -> np.ndarray:
@@ -106,14 +104,13 @@ def look_at_paths(
         spectra = radiance_by_order(scene, sampler, ray, ORDERS + 1, delta_lights, hide_emitters)
         orders = [to_rgb(spectrum * weight, ray) for spectrum in spectra]
         dr.eval(orders)
-        largest = _largest(orders[1:])
-        halves = _block_means(orders, each // 2).reshape(len(orders), 3, count, 2)
+        dr.sync_thread()
+    halves = _block_means(orders, each // 2).reshape(len(orders), 3, count, 2)
     return PathLook(
         halves.transpose(0, 2, 3, 1),
-        largest,
+        _largest(orders[1:]),
         count * each,
         clock.kernel_seconds / (count * each),
-        clock.run_seconds - clock.kernel_seconds,
         orders,
     )
 

@@ -18,6 +18,7 @@ from simrig import backend
 from simrig.effects import Decision, Overrides, Plan, Tolerance, decide, parse_tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
+from simrig.evaluation.planning.costs import render_seconds, shadow_seconds
 from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.effects import ANTI_ALIASING, EFFECT_NAMES, SCENE_EFFECTS, USUAL_SPP
 from simrig.evaluation.planning.environment import (
@@ -65,7 +66,8 @@ def plan_scene(
 
     Returns:
         The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
-        ``max_depth``), ``about`` the exposure and the seconds of planning, compilation apart.
+        ``max_depth``), ``about`` the exposure, ``render_s``, the seconds that the picture is
+        expected to take, and the seconds of planning; compilation apart.
 
     Raises:
         SimrigError: a scene that cannot be built, an unknown effect or tolerance, or overrides
@@ -105,7 +107,11 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
     }
     if lights is not None:
         settings["lights"] = lights
-    about = {"exposure": subject.exposure, "scene": subject.survey.describe()}
+    about = {
+        "exposure": subject.exposure,
+        "scene": subject.survey.describe(),
+        "render_s": render_seconds(subject, sampled.seconds_per_sample, spp),
+    }
     costed = tuple(_costed(decision, spp) for decision in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
 
@@ -283,6 +289,9 @@ def _sampled(subject: SceneSubject, integrator: dict[str, Any]) -> SampledSubjec
     if kind == "volpath" or not subject.survey.only_delta_lights:
         samples = SAMPLES if kind == "simrig_all_lights" else PATH_SAMPLES
         seen = look(subject.scene, integrator, samples)
+    elif not integrator.get("shadows", True):
+        seconds = seen.seconds_per_sample - shadow_seconds(subject)
+        return SampledSubject(subject, seen.radiance, seconds)
     return SampledSubject(subject, seen.radiance, seen.seconds_per_sample)
 
 

@@ -90,6 +90,11 @@ class SceneSubject:
         """The looked-at pixels, told apart by orders of reflection."""
         return self.look_at_paths(PATHS)
 
+    @property
+    def looked_at_paths(self) -> bool:
+        """Whether ``paths`` have been traced."""
+        return "paths" in self.__dict__
+
     def look_at_paths(self, count: int) -> PathLook:
         """Return the looked-at pixels from about ``count`` paths."""
         hides = hides_emitters(self.scene)

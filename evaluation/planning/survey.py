@@ -82,9 +82,11 @@ class Survey:
         """What keeps the light transport from being bounded; empty when nothing does."""
         if any(shape.interior_medium() or shape.exterior_medium() for shape in self.scene.shapes()):
             return "participating media"
-        for body in self.bodies:
+        for body, shape in zip(self.bodies, self.scene.shapes(), strict=True):
             if body.transmits:
                 return f"'{body.name}' lets light through"
+            if not _has_points(shape):
+                return f"points on '{body.name}' cannot be drawn"
         if len(self.bodies) > MOST_BODIES:
             return f"{len(self.bodies)} shapes are more than the {MOST_BODIES} that are told apart"
         return ""
@@ -108,6 +110,15 @@ class Survey:
 
 def _is(thing: Any, flag: Any) -> bool:
     return bool(mi.has_flag(thing.flags(), flag))
+
+
+def _has_points(shape: Any) -> bool:
+    """Return whether points can be drawn on a shape; Mitsuba has instances that it cannot."""
+    try:
+        shape.sample_position(0.0, mi.Point2f(0.5))
+    except RuntimeError:
+        return False
+    return True
 
 
 def _place(thing: Any) -> np.ndarray:

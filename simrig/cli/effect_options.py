@@ -117,4 +117,7 @@ def plan_table(plan: Plan, title: str = "") -> Any:
 def plan_line(plan: Plan) -> str:
     """Return the settings of a plan in one line."""
     settings = ", ".join(f"{key} {value}" for key, value in plan.settings.items())
-    return f"{plan.tolerance}: {settings}; planned in {plan.about['planning_s']:.2f} s"
+    return (
+        f"{plan.tolerance}: {settings}; planned in {plan.about['planning_s']:.2f} s, "
+        f"expected to take {plan.about['render_s']:.2g} s"
+    )
