@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from simrig.cli import effect_options, frame
+from simrig.cli.gantry import measure_gantry
 from simrig.cli.outputs import output_file
 from simrig.cli.rebuild import Method, load_measurement, rebuilt
 from simrig.cli.schemes import DEFAULT_THETA_MAX, measure_scheme, scheme_of
@@ -16,6 +17,13 @@ from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
     from simrig.sampling.placement import SlicePlacement
+
+
+class Rig(StrEnum):
+    """The devices that measure a material."""
+
+    GONIOREFLECTOMETER = "gonioreflectometer"
+    GANTRY = "gantry"
 
 
 class SliceTypes(StrEnum):
@@ -43,8 +51,15 @@ def measure(
     material: Annotated[str, typer.Argument(help="A built-in material or a material file.")],
     output: Annotated[Path, typer.Option(help="The measurement (.h5).")],
     samples: Annotated[
-        int | None, typer.Option(help="Distinct direction pairs to measure; 8911 if not given.")
+        int | None,
+        typer.Option(
+            help="Distinct direction pairs to measure; 8911 if not given, of a gantry 168."
+        ),
     ] = None,
+    rig: Annotated[Rig, typer.Option(help="The device.")] = Rig.GONIOREFLECTOMETER,
+    isotropic: Annotated[
+        bool, typer.Option(help="Of a gantry: diagonal slices alone, half the samples.")
+    ] = False,
     scheme: Annotated[
         str | None,
         typer.Option(help="All pairs of a scheme instead: 1 to 30, a name, uniform or regular."),
@@ -79,14 +94,27 @@ def measure(
     for a reciprocal material: one of the thirty uniform schemes by its number, another scheme by
     its name, or the densest uniform scheme or regular grid that --samples allow.
 
+    With --rig gantry it measures one axial and one diagonal slice at each pair of two elevations,
+    168 samples in six minutes; with --samples as many slices as those allow.
+
     Which effects of the rig are simulated follows from the tolerance (dE=0.5 unless given): those
     that could change the measured values by more together. The plan is kept in the measurement.
 
     What was measured so far is kept in .NAME.checkpoint beside the output: after Ctrl-C (or a
     kill) the same command goes on from there, with the same result as without the interruption.
     """
-    if scheme is not None and (elevation_step or azimuth_step or slices != SliceTypes.ALL):
+    placed = elevation_step or azimuth_step or slices != SliceTypes.ALL
+    if scheme is not None and placed:
         raise SimrigError("--scheme measures no slices: leave out the options that place them")
+    if isotropic and rig != Rig.GANTRY:
+        raise SimrigError("--isotropic chooses the slices of a gantry: add --rig gantry")
+    if rig == Rig.GANTRY:
+        if placed or scheme is not None or theta_max != DEFAULT_THETA_MAX:
+            raise SimrigError("a gantry has its own slices: give --samples or --isotropic alone")
+        if tolerance or simulate or without or everything:
+            raise SimrigError(
+                "a gantry simulates no effects: leave out the options that choose some"
+            )
     wished = 8911 if samples is None else samples
     if ideal and (tolerance or simulate or without or everything):
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
@@ -100,29 +128,31 @@ def measure(
 
     allowed = parse_tolerance(tolerance or effect_options.DEFAULT_TOLERANCE)
     overrides = Overrides(tuple(simulate or ()), tuple(without or ()), everything)
-    rig, plan = Gonioreflectometer(instrument=Instrument(seed=seed)), None
+    device, plan = Gonioreflectometer(instrument=Instrument(seed=seed)), None
     listed = None if scheme is None else scheme_of(scheme, samples, theta_max)
     with output_file(output, force):
         reflectance = load_material(material)
+        if rig == Rig.GANTRY:
+            return measure_gantry(reflectance, samples, isotropic, output)
         checkpoint = output.with_name(f".{output.name}.checkpoint")
         frame.on_interrupt(f"run the same command again to go on from '{checkpoint}'")
         if listed is not None:
             effects = None if ideal else (allowed, overrides)
-            return measure_scheme(reflectance, rig, listed, output, checkpoint, effects)
+            return measure_scheme(reflectance, device, listed, output, checkpoint, effects)
         placement = _placement(wished, elevation_step, azimuth_step, theta_max)
         if not ideal:
             plan = plan_rig(
                 reflectance,
-                rig,
+                device,
                 allowed,
                 placement=placement,
                 samples=wished,
                 overrides=overrides,
                 slice_types=slice_types,
             )
-            rig = with_plan(rig, plan)
+            device = with_plan(device, plan)
         with frame.progress(f"measuring {reflectance.name}") as report:
-            measurement = rig.measure(
+            measurement = device.measure(
                 reflectance,
                 placement,
                 wished,
@@ -175,20 +205,22 @@ def reconstruct(
     ],
     method: Annotated[
         Method | None,
-        typer.Option(help="By what was measured else: slices along slices, barycentric."),
+        typer.Option(help="By what was measured else: slices, barycentric or gantry-b."),
     ] = None,
     interpolation: Annotated[
-        Interpolation, typer.Option(help="Along the slices; pchip never overshoots.")
-    ] = Interpolation.CUBIC,
+        Interpolation | None,
+        typer.Option(help="Along the slices: cubic else, pchip (never overshoots) of a gantry."),
+    ] = None,
     step: Annotated[
-        float, typer.Option(help="Degrees between the nodes of the table that an RBF becomes.")
-    ] = 5.0,
+        float | None,
+        typer.Option(help="Degrees between nodes: 5 of the table of an RBF, 7.5 of a gantry else."),
+    ] = None,
     format: Annotated[
         str | None, typer.Option(help="See 'simrig convert --help'; by the ending else.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
 ) -> frame.Report:
-    """Reconstruct the whole reflectance from a measurement, along slices or of a scheme.
+    """Reconstruct the whole reflectance from a measurement: of slices, a scheme or a gantry.
 
     The methods: docs/methods.md. Radial basis functions (rbf-…) are too slow to render and are
     stored as a table.
@@ -200,24 +232,24 @@ def reconstruct(
     measured = load_measurement(measurement)
     with output_file(output, force):
         start = perf_counter()
-        reflectance, notes, name = rebuilt(measured, method, str(interpolation), step)
+        made = rebuilt(measured, method, interpolation and str(interpolation), step)
         seconds = perf_counter() - start
-        saved = save_material(output, reflectance, format)
+        saved = save_material(output, made.reflectance, format)
     return frame.Report(
         data={
             "output": output,
-            "material": reflectance.name,
+            "material": made.reflectance.name,
             "samples": measured.cost.samples,
-            "method": name,
-            "interpolation": str(interpolation) if name in ("slices", "improved") else None,
-            "notes": list(notes),
+            "method": made.method,
+            "interpolation": made.interpolation,
+            "notes": list(made.notes),
             "compute_seconds": seconds,
             "format": saved.format,
             "bytes": saved.bytes,
         },
         shown=[
-            f"{output}: {reflectance.name}, {saved.format} format, in {seconds:.2f} s, "
+            f"{output}: {made.reflectance.name}, {saved.format} format, in {seconds:.2f} s, "
             f"{saved.bytes:,} bytes",
-            *([", ".join(notes)] if notes else []),
+            *([", ".join(made.notes)] if made.notes else []),
         ],
     )

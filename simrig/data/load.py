@@ -247,7 +247,7 @@ def _format_of_suffix(path: Path) -> str:
 
 def _read_hdf5(path: Path, _: bool) -> Reflectance:
     content = hdf5.content_of(path)
-    if content.startswith("measurement"):
+    if "measurement" in content:
         raise SimrigError(
             f"'{path}' is a measurement, not a material: reconstruct it first (simrig reconstruct)"
         )

@@ -1,0 +1,52 @@
+"""``simrig measure --rig gantry``: a few slices at fixed elevations, measured in minutes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from simrig.cli import frame
+
+if TYPE_CHECKING:
+    from simrig.reflectance import Reflectance
+
+
+def measure_gantry(
+    reflectance: Reflectance, samples: int | None, isotropic: bool, output: Path
+) -> frame.Report:
+    """Measure the slices of a gantry into a file and report it.
+
+    Args:
+        reflectance: the material.
+        samples: the most to take; the thesis's 168, or 84 of diagonal slices alone, if not given.
+        isotropic: from diagonal slices alone.
+        output: where the measurement goes.
+
+    Raises:
+        SimrigError: too few samples, or elevations beyond the material's data.
+    """
+    from simrig.rigs.gantry import Gantry
+    from simrig.sampling.gantry import GantryPlan, gantry_plan
+
+    if samples is None:
+        plan = GantryPlan(axial=0 if isotropic else 1)
+    else:
+        plan = gantry_plan(samples, isotropic)
+    measurement = Gantry().measure(reflectance, plan)
+    measurement.save(output)
+    cost = measurement.cost
+    return frame.Report(
+        data={
+            "output": output,
+            "material": measurement.material,
+            "gantry": plan.describe(),
+            "cost": cost.as_dict(),
+            "provenance": dict(measurement.provenance),
+        },
+        shown=[
+            f"{output}: {cost.samples} samples of {measurement.material}, gantry, "
+            f"{plan.describe()}",
+            f"cost: {cost.hardware_seconds / 60.0:.1f} min of simulated hardware, "
+            f"{cost.compute_seconds:.2f} s of computing",
+        ],
+    )

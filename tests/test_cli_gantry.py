@@ -1,0 +1,104 @@
+"""``simrig measure --rig gantry`` and what ``simrig reconstruct`` makes of its files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from simrig.cli.app import app
+from simrig.data.load import load_material
+from simrig.rigs.gantry import GantryMeasurement
+
+
+@pytest.fixture(autouse=True)
+def in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def simrig(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+def done(*arguments: str) -> dict:
+    result = simrig(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def refusal(*arguments: str) -> str:
+    result = simrig(*arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == "" and result.stderr.count("\n") == 1
+    return result.stderr
+
+
+@pytest.fixture
+def gantry_file() -> str:
+    done("measure", "wood01", "--rig", "gantry", "--output", "g.h5")
+    return "g.h5"
+
+
+def test_from_the_gantry_to_a_reflectance(gantry_file: str) -> None:
+    measurement = GantryMeasurement.load(gantry_file)
+    assert measurement.plan.samples == 168
+    assert measurement.cost.hardware_seconds == pytest.approx(360.0)
+    found = done("reconstruct", gantry_file, "--output", "r.h5")
+    assert (found["method"], found["interpolation"]) == ("gantry_b", "pchip")
+    assert found["samples"] == 168 and "slices combined by 'sum'" in found["notes"]
+    assert 0.0 < done("compare", "wood01", "r.h5", "--step", "20")["mre"] < 60.0
+    assert "is a measurement" in refusal("compare", "wood01", gantry_file)
+
+
+@pytest.mark.parametrize(("method", "note"), [("gantry-a", "condition"), ("gantry-bd", "sum")])
+def test_the_other_methods_of_the_gantry(gantry_file: str, method: str, note: str) -> None:
+    rebuild = ("reconstruct", gantry_file, "--output", "r.h5", "--method", method, "--step", "30")
+    found = done(*rebuild, "--interpolation", "linear")
+    assert found["method"] == method.replace("-", "_") and found["interpolation"] == "linear"
+    assert any(note in text for text in found["notes"])
+    assert load_material("r.h5").values.shape == (4, 4, 12, 12, 3)
+    done("reconstruct", gantry_file, "--output", "b.h5", "--step", "30")
+    assert done("compare", "b.h5", "r.h5", "--step", "30", "--theta-max", "60")["mre"] > 0.0
+
+
+def test_isotropic_plans_and_numbers_of_samples() -> None:
+    isotropic = done("measure", "lambert", "--rig", "gantry", "--isotropic", "--output", "i.h5")
+    assert isotropic["cost"]["samples"] == 84
+    assert isotropic["cost"]["hardware_seconds"] == pytest.approx(180.0)
+    found = done("reconstruct", "i.h5", "--output", "r.h5")
+    assert "slices combined by 'turning'" in found["notes"]
+    many = done("measure", "wood01", "--rig", "gantry", "--samples", "3000", "--output", "m.h5")
+    assert 168 < many["cost"]["samples"] <= 3000 and "52.5°" in many["gantry"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--rig", "gantry", "--samples", "20"), "at least 32"),
+        (("--rig", "gantry", "--scheme", "2"), "its own slices"),
+        (("--rig", "gantry", "--theta-max", "60"), "its own slices"),
+        (("--rig", "gantry", "--tolerance", "dE=1"), "no effects"),
+        (("--isotropic",), "add --rig gantry"),
+    ],
+)
+def test_measurements_that_cannot_be(options: tuple[str, ...], message: str) -> None:
+    assert message in refusal("measure", "wood01", "--output", "g.h5", *options)
+    assert not Path("g.h5").exists()
+
+
+def test_methods_that_cannot_use_a_measurement(
+    gantry_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rebuild = ("reconstruct", gantry_file, "--output", "r.h5")
+    for method in ("slices", "improved", "barycentric", "rbf-local", "regular-grid"):
+        assert "gantry-a, gantry-b or gantry-bd" in refusal(*rebuild, "--method", method)
+    assert "must divide 360" in refusal(*rebuild, "--step", "7")
+    done("measure", "wood01", "--scheme", "1", "--ideal", "--output", "s.h5")
+    of_scheme = ("reconstruct", "s.h5", "--output", "r.h5", "--method", "gantry-b")
+    assert "measure with --rig gantry, or use --method barycentric" in refusal(*of_scheme)
+    monkeypatch.setitem(sys.modules, "ot", None)
+    assert "pip install 'simrig[transport]'" in refusal(*rebuild, "--method", "gantry-bd")
+    assert not Path("r.h5").exists()
