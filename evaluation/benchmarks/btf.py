@@ -2,10 +2,10 @@
 
 The material is the synthetic stack of coloured bumps over 81 × 81 directions, 15 periods around
 the cylinder. Three forms of it render beside ``principled`` with a bitmap of the stack's picture
-from above: the full stack; the factored form at two tolerances; and a stack made from 169 of the
-6,561 images (13 × 13 directions, interpolated barycentrically), factored. Filtered and point
-look-ups of the full form are told apart. Beside each rate stand the bytes that look-ups read and
-the mean CIE ΔE to the full form.
+from above: the full stack; the factored form at two tolerances; and a stack made from the 168
+images of the gantry's slices (method B, ``simrig.reconstruction.gantry_btf``), factored. Filtered
+and point look-ups of the full form are told apart. Beside each rate stand the bytes that look-ups
+read and the mean CIE ΔE to the full form.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import drjit as dr
 import numpy as np
 
 from simrig import backend
-from simrig.directions.schemes import HemisphereScheme, Ring, scheme
-from simrig.directions.triangulation import HemisphereTriangulation
+from simrig.directions.spherical import to_vector
 from simrig.errors import SimrigError
-from simrig.evaluation.benchmarks.timing import side_by_side, text_table
+from simrig.evaluation.benchmarks.timing import side_by_side, stage_of, text_table
 from simrig.evaluation.metrics import delta_e_map
 from simrig.evaluation.rendering import display_exposure, load
 from simrig.plugins import make_btf
+from simrig.reconstruction.gantry_btf import reconstruct_btf
 from simrig.reflectance.btf import BtfStack
 from simrig.reflectance.btf_factored import FactoredBtf
 from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_sliced import sliced_stack
-from simrig.reflectance.btf_synthetic import bumps, grid_angles
+from simrig.reflectance.btf_synthetic import bumps
+from simrig.reflectance.pyramid import Footprint
 from simrig.reflectance.spatial import SpatialReflectance
+from simrig.sampling.gantry import GantryPlan
 from simrig.scenes import build_scene
 from simrig.scenes.stimuli import CYLINDER_HEIGHT, CYLINDER_RADIUS
 
 INTEGRATORS = ("direct", "path")
 PERIODS = 15
 BUILT_IN, REFERENCE = "principled, bitmap", "full"
-_FEW = HemisphereScheme.from_rings("few", (Ring(0.0, 1), Ring(30.0, 6), Ring(75.0, 6)))
 _CIRCUMFERENCE = 2.0 * np.pi * CYLINDER_RADIUS
 
 
@@ -71,8 +71,9 @@ def run(
     pixel = _pixel_mm(resolution)
     rows: list[dict[str, Any]] = []
     for number, integrator in enumerate(INTEGRATORS):
-        materials = {BUILT_IN: _principled(stack), **_materials(forms, pixel)}
-        advance = _shifted(progress, number, integrator)
+        periods = (PERIODS, CYLINDER_HEIGHT / stack.size_mm[1])
+        materials = {BUILT_IN: principled(stack, periods), **_materials(forms, pixel)}
+        advance = stage_of(progress, number, len(INTEGRATORS), integrator)
         rows += _cell(integrator, materials, resolution, spp, rounds, advance)
     sizes = {name: form.device_bytes for name, form in forms.items()}
     for row in rows:
@@ -92,31 +93,32 @@ def run(
     }
 
 
-def sliced(stack: BtfStack, directions: str) -> tuple[BtfStack, BtfStack]:
-    """Return the stack made from 13 × 13 directions of another, and those images.
+def gantry_images(full: FullBtf, plan: GantryPlan) -> BtfStack:
+    """Return the images that a gantry takes of a BTF: points at its texels' centres.
 
     Args:
-        stack: all pairs of a scheme, illumination slowest, that has the few directions.
-        directions: name of the scheme.
+        full: the BTF.
+        plan: where the gantry measures.
     """
-    whole = scheme(directions).vectors()
-    few = _FEW.vectors()
-    nearest = np.argmax(few @ whole.T, axis=1)
-    place = HemisphereTriangulation(whole[nearest]).locate(whole)
-    weights = np.zeros((len(whole), len(few)))
-    for node, weight in zip(place.nodes, place.weights, strict=True):
-        np.add.at(weights, (np.arange(len(whole)), node), weight)
-    taken = (nearest[:, None] * len(whole) + nearest).ravel()
-    images = np.stack([stack.values[k] for k in taken.tolist()])
-    measured = BtfStack(images, stack.angles[taken], stack.size_mm, stack.name)
-    angles = grid_angles(scheme(directions))
-    return sliced_stack(measured, np.kron(weights, weights), angles), measured
+    height, width = full.pyramid.shapes[0]
+    angles = plan.angles()
+    x = (np.arange(width) + 0.5) / width * full.size_mm[0]
+    y = full.size_mm[1] - (np.arange(height) + 0.5) / height * full.size_mm[1]
+    y, x = (grid.ravel() for grid in np.meshgrid(y, x, indexing="ij"))
+    point = Footprint(np.tile(x, len(angles)), np.tile(y, len(angles)))
+    wi, wv = (
+        np.repeat(to_vector(angles[:, k], angles[:, k + 2]), height * width, axis=0) for k in (0, 1)
+    )
+    values = full.eval_at(wi, wv, point).reshape(len(angles), height, width, 3)
+    return BtfStack(values.astype(np.float16), angles, full.size_mm, full.name)
 
 
 def _forms(stack: BtfStack) -> tuple[dict[str, SpatialReflectance], BtfStack]:
-    few, measured = sliced(stack, stack.provenance["directions"])
+    full = FullBtf.from_stack(stack)
+    measured = gantry_images(full, GantryPlan())
+    few = reconstruct_btf(measured, "b", angles=stack.angles)
     return {
-        REFERENCE: FullBtf.from_stack(stack),
+        REFERENCE: full,
         "factored, 5 %": FactoredBtf.from_stack(stack, tolerance=0.05),
         "factored, 20 %": FactoredBtf.from_stack(stack, tolerance=0.2),
         f"{len(measured)} images": FactoredBtf.from_stack(few, tolerance=0.05),
@@ -130,12 +132,16 @@ def _materials(forms: Mapping[str, SpatialReflectance], pixel: float) -> dict[st
     return materials
 
 
-def _principled(stack: BtfStack) -> dict[str, Any]:
-    """Return Mitsuba's material with the picture from above, tiled as the BTF is."""
+def principled(stack: BtfStack, periods: tuple[float, float]) -> dict[str, Any]:
+    """Return Mitsuba's material with the picture from above as its bitmap.
+
+    Args:
+        stack: its first image is that from above, lit from above.
+        periods: of the picture in one unit of u and of v.
+    """
     import mitsuba as mi
 
     picture = np.asarray(stack.values[0], dtype=np.float32) * np.float32(np.pi)
-    periods = (PERIODS, CYLINDER_HEIGHT / stack.size_mm[1])
     bitmap = {
         "type": "bitmap",
         "bitmap": mi.Bitmap(np.clip(picture, 0.0, 1.0)),
@@ -199,15 +205,6 @@ def _cell(
         }
         for name, timing in timings.items()
     ]
-
-
-def _shifted(
-    progress: Callable[..., None] | None, number: int, label: str
-) -> Callable[..., None] | None:
-    if progress is None:
-        return None
-    count = len(INTEGRATORS)
-    return lambda done, total, stage="": progress(number + done / total, count, f"{label}: {stage}")
 
 
 def table(results: dict[str, Any]) -> Any:

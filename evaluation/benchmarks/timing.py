@@ -61,6 +61,22 @@ def side_by_side(
     }
 
 
+def stage_of(
+    progress: Callable[..., None] | None, number: int, count: int, label: str
+) -> Callable[..., None] | None:
+    """Return what reports the progress of one of several stages.
+
+    Args:
+        progress: called with stages done and in total.
+        number: of the stage, from 0.
+        count: of stages.
+        label: of the stage.
+    """
+    if progress is None:
+        return None
+    return lambda done, total, stage="": progress(number + done / total, count, f"{label}: {stage}")
+
+
 def text_table(title: str, columns: list[str], rows: list[list[str]]) -> Any:
     """Return a table for the terminal, the first column left-aligned."""
     from rich.table import Table

@@ -12,6 +12,7 @@ from simrig.evaluation.studies import (
     pareto,
     placement,
     plan_validation,
+    room_switch,
     table_5_2,
     table_5_3,
 )
@@ -30,6 +31,7 @@ STUDIES: dict[str, Study] = {
         critical_distance.STUDY,
         isotropic_measured.STUDY,
         plan_validation.STUDY,
+        room_switch.STUDY,
         pareto.STUDY,
     )
 }

@@ -23,6 +23,7 @@ from simrig.cli import (
     plan,
     render,
     stability,
+    stimuli,
     studies,
 )
 
@@ -62,5 +63,6 @@ for module in (
     studies,
     stability,
     btf,
+    stimuli,
 ):
     module.register(app)

@@ -1,15 +1,17 @@
-"""A BTF from a formula: coloured bumps, of any raster and any directions, for tests and demos."""
+"""BTFs from formulas: coloured bumps for tests and demos, and chessboards for calibration."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from simrig.directions.schemes import HemisphereScheme, scheme
+from simrig.directions.schemes import HemisphereScheme, Ring, scheme
 from simrig.directions.spherical import to_vector
+from simrig.errors import SimrigError
 from simrig.reflectance.btf import BtfStack
 
 _STEEPNESS = 0.6  # largest slope of the bumps
 _GLOSS, _EXPONENT = 0.1, 40.0
+_FEW = HemisphereScheme.from_rings("few", (Ring(0.0, 1), Ring(75.0, 4)))
 
 
 def grid_angles(lights: HemisphereScheme, views: HemisphereScheme | None = None) -> np.ndarray:
@@ -32,7 +34,7 @@ def grid_angles(lights: HemisphereScheme, views: HemisphereScheme | None = None)
 def bumps(
     resolution: tuple[int, int] = (16, 16),
     size_mm: tuple[float, float] = (8.0, 8.0),
-    directions: str = "uniform_1",
+    directions: str | HemisphereScheme = "uniform_1",
     dtype: type = np.float32,
 ) -> BtfStack:
     """Return a seamless tile of smooth bumps under every pair of a scheme's directions.
@@ -44,10 +46,11 @@ def bumps(
     Args:
         resolution: height and width in texels.
         size_mm: width and height of the tile.
-        directions: a scheme of ``simrig.directions``.
+        directions: a scheme of ``simrig.directions``, or its name.
         dtype: ``np.float16`` or ``np.float32``.
     """
-    angles = grid_angles(scheme(directions))
+    rings = scheme(directions) if isinstance(directions, str) else directions
+    angles = grid_angles(rings)
     wi, wv = to_vector(angles[:, 0], angles[:, 2]), to_vector(angles[:, 1], angles[:, 3])
     normal, albedo = _surface(*resolution)
     half = wi + wv
@@ -62,8 +65,35 @@ def bumps(
         angles,
         size_mm,
         "bumps",
-        {"source": "simrig.reflectance.btf_synthetic.bumps", "directions": directions},
+        {"source": "simrig.reflectance.btf_synthetic.bumps", "directions": rings.name},
     )
+
+
+def chessboard(
+    square_mm: float = 5.0, albedos: tuple[float, float] = (0.05, 0.8), texels: int = 32
+) -> BtfStack:
+    """Return a diffuse chessboard, of 2 × 2 squares, as in thesis sections 3.3.1 and B.2.
+
+    Args:
+        square_mm: side of a square; the thesis has 2 and 5 mm.
+        albedos: of the dark and the light squares.
+        texels: along a square; an edge blurs over one.
+
+    Raises:
+        SimrigError: a size or a number of texels that is not positive, an albedo outside [0, 1].
+    """
+    if not (np.isfinite(square_mm) and square_mm > 0.0) or texels < 1:
+        raise SimrigError(f"squares need a side > 0 mm and texels, got {square_mm:g} and {texels}")
+    if not all(0.0 <= albedo <= 1.0 for albedo in albedos):
+        raise SimrigError(f"albedos lie in [0, 1], got {albedos}")
+    dark, light = np.full((2, texels, texels), np.array(albedos)[:, None, None] / np.pi)
+    image = np.block([[light, dark], [dark, light]])[..., None].repeat(3, axis=-1)
+    angles = grid_angles(_FEW)
+    values = np.broadcast_to(image.astype(np.float32), (len(angles), *image.shape))
+    side = 2.0 * square_mm
+    provenance = {"source": "simrig.reflectance.btf_synthetic.chessboard", "albedos": albedos}
+    name = f"chessboard of {square_mm:g} mm"
+    return BtfStack(values, angles, (side, side), name, provenance)
 
 
 def _surface(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,215 @@
+"""The room of Fig. 3.18 in three forms: BTF only, BRDF only, and switched by distance.
+
+Fourteen materials with structure are measured virtually; each surface of the room shows its BTF,
+the average of that (BRDF only), or the BTF within the material's critical viewing distance and the
+BRDF beyond it (switched). Distances are those that the thesis states for the groups of materials:
+2 m for smooth fabric and flat leather, 4 m for rough leather, fabric and smooth wood, 8 m for rough
+fabric, carpet and rough wood. They are given, not predicted here.
+
+Times: the three forms are rendered in turn, after one render each that compiles, and the median
+is taken. One picture is direct light of both lamps with shadows, by ray tracing on a processor; the
+published rates are of a rasteriser with shaders on a graphics card, so ratios compare and rates do
+not. PSNR is between pictures of the same samples, displayed as 8-bit sRGB at one exposure.
+
+The quick preset has smaller pictures, coarse tiles, few directions and direct light only within
+the structure. A smaller picture filters more of the structure away before the switch can. The
+thesis does not print the view, the lamps or the chairs of its room: these are ours.
+
+Source: thesis section 3.3.5, Fig. 3.18, Table 3.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from simrig import backend
+from simrig.directions.schemes import HemisphereScheme, Ring
+from simrig.evaluation import metrics
+from simrig.evaluation.benchmarks.timing import Timing, side_by_side
+from simrig.evaluation.rendering import display_exposure, load
+from simrig.evaluation.room import (
+    FORMS,
+    Room,
+    far_share,
+    group_distances_mm,
+    range_map_m,
+    room_materials,
+)
+from simrig.evaluation.studies.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.room_switch_shown import encoded, plots, range_picture, table
+from simrig.scenes.room import ROOM_PARTS
+
+PUBLISHED = {  # Table 3.4
+    "btf": {"fps": 8.3, "psnr": None},
+    "brdf": {"fps": 20.2, "psnr": 46.3},
+    "switched": {"fps": 11.8, "psnr": 58.6},
+}
+DIFFERENCE_SCALE = 30.0  # Fig. 3.18 d
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {
+        "materials": dict(ROOM_PARTS),
+        "distances": "thesis",
+        "resolution": 480,
+        "spp": 4,
+        "rounds": 3,
+        "texels": 16,
+        "rings": [[0.0, 1], [37.5, 6], [75.0, 6]],  # theta in degrees, directions
+        "texel_spp": 4,
+        "tile_steps": 48,
+        "orders": 1,
+    },
+    "full": {
+        "materials": dict(ROOM_PARTS),
+        "distances": "thesis",
+        "resolution": 1920,
+        "spp": 16,
+        "rounds": 5,
+        "texels": 64,
+        "rings": [[0.0, 1], [15.0, 6], [30.0, 12], [45.0, 18], [60.0, 20], [75.0, 24]],
+        "texel_spp": 16,
+        "tile_steps": None,
+        "orders": "auto",
+    },
+}
+
+
+def cells(config: Config) -> list[dict[str, Any]]:
+    """Return the one cell: the forms are timed side by side."""
+    return [{"scene": "room"}]
+
+
+def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
+    """Measure the materials, render the three forms, compare and time them.
+
+    Returns:
+        Rows of two kinds: ``form`` (seconds and PSNR) and ``picture`` (a PNG as base64).
+    """
+    variant = backend.select("auto")
+    scene = _room(config, variant)
+    share = far_share(scene.distances_mm, config["resolution"])
+    images, timings = _renders(scene, config["rounds"])
+    exposure = display_exposure(images["btf"])
+    rows = [
+        {
+            "kind": "form",
+            "form": form,
+            "first_seconds": timings[form].first,
+            "median_seconds": timings[form].median,
+            "fastest_seconds": timings[form].fastest,
+            "slowest_seconds": timings[form].slowest,
+            "far_share": {"btf": 0.0, "brdf": 1.0, "switched": share}[form],
+            "psnr": _psnr(images["btf"], images[form], exposure),
+            "device_bytes": _bytes(scene, form),
+            "variant": variant,
+        }
+        for form in FORMS
+    ]
+    pictures = _pictures(images, exposure, config["resolution"])
+    return rows + [
+        {"kind": "picture", "name": name, "png": encoded(picture)}
+        for name, picture in pictures.items()
+    ]
+
+
+def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
+    """Return ours beside Table 3.4: rates, ratios of time to BTF only, PSNR against BTF only."""
+    forms = {row["form"]: row for row in rows if row["kind"] == "form"}
+    slowest = forms["btf"]["median_seconds"]
+    return {
+        "forms": {
+            form: {
+                "seconds": row["median_seconds"],
+                "range_seconds": [row["fastest_seconds"], row["slowest_seconds"]],
+                "first_seconds": row["first_seconds"],
+                "fps": 1.0 / row["median_seconds"],
+                "faster": slowest / row["median_seconds"],
+                "psnr": row["psnr"],
+                "far_share": row["far_share"],
+                "device_bytes": row["device_bytes"],
+                "published_fps": PUBLISHED[form]["fps"],
+                "published_faster": PUBLISHED[form]["fps"] / PUBLISHED["btf"]["fps"],
+                "published_psnr": PUBLISHED[form]["psnr"],
+            }
+            for form, row in forms.items()
+        },
+        "variant": forms["btf"]["variant"],
+        "resolution": config["resolution"],
+        "spp": config["spp"],
+        "rounds": config["rounds"],
+        "distances": config["distances"],
+    }
+
+
+def _room(config: Config, variant: str) -> Room:
+    rings = HemisphereScheme.from_rings("study", (Ring(t, int(n)) for t, n in config["rings"]))
+    materials = room_materials(
+        config["materials"],
+        texels=config["texels"],
+        directions=rings,
+        spp=config["texel_spp"],
+        tile_steps=config["tile_steps"],
+        orders=config["orders"],
+        variant=variant,
+    )
+    return Room(materials, group_distances_mm(), config["resolution"], config["spp"])
+
+
+def _renders(scene: Room, rounds: int) -> tuple[dict[str, np.ndarray], dict[str, Timing]]:
+    """Return the pictures of all forms, of the same samples, and what they took."""
+    pictures: dict[str, Any] = {}
+
+    def job(form: str, loaded: Any) -> Callable[[], None]:
+        def once() -> None:
+            pictures[form] = mi.render(loaded, spp=scene.spp, seed=mi.UInt32(1))
+            dr.eval(pictures[form])
+
+        return once
+
+    timings = side_by_side({form: job(form, load(scene.scene(form))) for form in FORMS}, rounds)
+    return {form: np.array(picture)[..., :3] for form, picture in pictures.items()}, timings
+
+
+def _psnr(reference: np.ndarray, image: np.ndarray, exposure: float) -> float | None:
+    """Return the PSNR in dB of displayed pictures, None of identical ones."""
+    error = metrics.mse(reference, image, exposure=exposure)
+    return metrics.psnr_from_mse(error) if error > 0.0 else None
+
+
+def _bytes(scene: Room, form: str) -> int:
+    """Return the bytes that the look-ups of all materials read."""
+    used = {"btf": ("near",), "brdf": ("far",), "switched": ("near", "far")}[form]
+    materials = {id(m): m for m in scene.materials.values()}.values()
+    return sum(getattr(material, side).device_bytes for material in materials for side in used)
+
+
+def _pictures(
+    images: Mapping[str, np.ndarray], exposure: float, resolution: int
+) -> dict[str, np.ndarray]:
+    """Return the four pictures of Fig. 3.18, and BRDF only with its difference, as uint8."""
+    reference = images["btf"]
+    shown = {form: np.round(metrics.displayed(images[form], exposure)) for form in FORMS}
+    found = {form: np.clip(picture, 0.0, 255.0).astype(np.uint8) for form, picture in shown.items()}
+    for form in ("switched", "brdf"):
+        found[f"{form}_difference"] = metrics.difference_image(
+            reference, images[form], DIFFERENCE_SCALE, exposure
+        )
+    return {**found, "range_map": range_picture(range_map_m(resolution))}
+
+
+STUDY = Study(
+    name="room-switch",
+    about="A room of chairs in BTFs, BRDFs, and switched at the critical viewing distance.",
+    source="thesis section 3.3.5, Fig. 3.18, Table 3.4",
+    presets=PRESETS,
+    cells=cells,
+    run_cell=run_cell,
+    summarise=summarise,
+    table=table,
+    plots=plots,
+)

@@ -1,0 +1,231 @@
+"""``simrig stimuli``: the scenes of the study of structure (thesis sections 3.3 and B.2)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simrig.cli import frame
+from simrig.cli.outputs import output_file, output_folder
+from simrig.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.evaluation.rendering import RenderResult
+    from simrig.evaluation.stimuli import CylinderStimulus
+
+_Material = Annotated[
+    str, typer.Argument(help="A BTF (.h5), a material with structure, bumps or chessboard-MM.")
+]
+_Output = Annotated[Path, typer.Option(help="The picture, .png or .exr.")]
+_Experiment = Annotated[
+    str, typer.Option(help="A: 20 cylinders, 1920 × 1080. B: 12 cylinders, 2160 × 1868.")
+]
+_Resolution = Annotated[
+    int | None, typer.Option(min=16, help="Width in pixels; as published unless given.")
+]
+_Spp = Annotated[int, typer.Option(min=1, help="Samples per pixel.")]
+_Rotation = Annotated[
+    float, typer.Option(help="Of the material, in degrees; the thesis has 0, 45 and 90.")
+]
+_Texels = Annotated[int, typer.Option(min=1, help="Along x, of a BTF that is measured now.")]
+_Directions = Annotated[str, typer.Option(help="Scheme of a BTF that is measured now.")]
+_Seed = Annotated[int, typer.Option(min=0, help="Of the samples.")]
+_Force = Annotated[bool, typer.Option("--force", help="Replace existing output.")]
+_Exr = Annotated[bool, typer.Option("--exr", help="Frames as OpenEXR instead of PNG.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    group = typer.Typer(help="Scenes of the study of structure: cylinders, frames, room.")
+    for function in (cylinders, rotation, chessboard):
+        frame.command(group)(function)
+    frame.command(group, "room")(room_command)
+    app.add_typer(group, name="stimuli")
+
+
+def cylinders(
+    material: _Material,
+    output: _Output,
+    experiment: _Experiment = "A",
+    resolution: _Resolution = None,
+    spp: _Spp = 64,
+    rotation: _Rotation = 0.0,
+    texels: _Texels = 64,
+    directions: _Directions = "hemisphere_81",
+    seed: _Seed = 0,
+    force: _Force = False,
+) -> frame.Report:
+    """Render a material on the receding cylinders: BRDF above, BTF below."""
+    _check_suffix(output)
+    with output_file(output, force) as temporary:
+        stimulus = _stimulus(
+            material, experiment, resolution, spp, rotation, texels=texels, directions=directions
+        )
+        with frame.progress("cylinders") as report:
+            result = stimulus.picture(seed, report)
+        exposure = _write(temporary, output, result, material)
+    return _report(output, result, {"material": material, "exposure": exposure})
+
+
+def rotation(
+    material: _Material,
+    output: Annotated[Path, typer.Option(help="The folder of the frames.")],
+    seconds: Annotated[float, typer.Option(min=0.0, help="Length of the film.")] = 10.0,
+    speed: Annotated[float, typer.Option(help="Degrees per second, to the right.")] = 36.0,
+    patch: Annotated[float, typer.Option(min=0.0, help="Width over the seam, mm; 0: none.")] = 8.0,
+    resolution: _Resolution = None,
+    spp: _Spp = 16,
+    rotation: _Rotation = 0.0,
+    texels: _Texels = 64,
+    directions: _Directions = "hemisphere_81",
+    exr: _Exr = False,
+    force: _Force = False,
+) -> frame.Report:
+    """Render the 12 cylinders rotating, 30 frames per second; after Ctrl-C it goes on."""
+    from simrig.evaluation.stimuli import FRAMES_PER_SECOND, write_frames
+
+    count = math.ceil(seconds * FRAMES_PER_SECOND)
+    if count < 1:
+        raise SimrigError(f"a film needs at least one frame, got {seconds:g} seconds")
+    request = {
+        "material": material,
+        **({"changed": Path(material).stat().st_mtime_ns} if Path(material).is_file() else {}),
+        "options": [speed, patch, resolution, spp, rotation, texels, directions, exr],
+    }
+    with output_folder(output, force, request) as folder:
+        stimulus = _stimulus(
+            material, "B", resolution, spp, rotation, patch, texels=texels, directions=directions
+        )
+        with frame.progress("frames") as report:
+            made = write_frames(stimulus, folder, count, speed, ".exr" if exr else ".png", report)
+    data = {"folder": output, "frames": count, "rendered": made}
+    return frame.Report(data, [f"{output}: {count} frames, {made} of them rendered now"])
+
+
+def chessboard(
+    output: _Output,
+    square: Annotated[float, typer.Option(help="Side of a square in mm; the thesis: 2, 5.")] = 5.0,
+    experiment: _Experiment = "A",
+    resolution: _Resolution = None,
+    spp: _Spp = 64,
+    force: _Force = False,
+) -> frame.Report:
+    """Render the chessboard for calibration; print every cylinder's width beside the formula."""
+    from simrig import backend
+    from simrig.evaluation.stimuli import cylinder_widths
+
+    _check_suffix(output)
+    with output_file(output, force) as temporary:
+        stimulus = _stimulus(f"chessboard-{square:g}", experiment, resolution, spp, 0.0)
+        with frame.progress("chessboard") as report:
+            result = stimulus.picture(progress=report)
+        backend.select()
+        widths = cylinder_widths(experiment, resolution)
+        exposure = _write(temporary, output, result, stimulus.material.stack.name)
+    columns = list(widths[0])
+    table = frame.table(columns, [[row[column] for column in columns] for row in widths])
+    done = _report(output, result, {"exposure": exposure, "widths": widths})
+    return frame.Report(done.data, [table, *done.shown])
+
+
+def room_command(
+    output: _Output,
+    form: Annotated[str, typer.Option(help="btf, brdf or switched.")] = "switched",
+    material: Annotated[
+        list[str] | None, typer.Option(help="PART=MATERIAL, see docs/stimuli.md; repeatable.")
+    ] = None,
+    distance: Annotated[
+        float | None, typer.Option(min=0.0, help="Of the switch, m; by group unless given.")
+    ] = None,
+    resolution: Annotated[int, typer.Option(min=16, help="Width in pixels; 16 : 9.")] = 1920,
+    spp: _Spp = 16,
+    texels: _Texels = 32,
+    directions: _Directions = "hemisphere_81",
+    seed: _Seed = 0,
+    force: _Force = False,
+) -> frame.Report:
+    """Render the room of chairs (Fig. 3.18); materials that are no files are measured first."""
+    from simrig import backend
+    from simrig.errors import unknown_name
+    from simrig.evaluation.rendering import render
+    from simrig.evaluation.room import FORMS, Room, group_distances_mm, room_materials
+
+    _check_suffix(output)
+    if form not in FORMS:
+        raise unknown_name("form of the room", form, FORMS)
+    names = dict(_part(text) for text in material or [])
+    distances = group_distances_mm()
+    if distance is not None:
+        distances = dict.fromkeys(distances, 1000.0 * distance)
+    with output_file(output, force) as temporary:
+        backend.select()
+        with frame.progress("materials") as report:
+            materials = room_materials(names, report, texels=texels, directions=directions)
+        scene = Room(materials, distances, resolution, spp).scene(form)
+        with frame.progress("room") as report:
+            result = render(scene, spp, seed, progress=report)
+        exposure = _write(temporary, output, result, "room")
+    return _report(output, result, {"form": form, "exposure": exposure, "distances_mm": distances})
+
+
+def _part(text: str) -> tuple[str, str]:
+    part, sign, name = text.partition("=")
+    if not (part and sign and name):
+        raise SimrigError(f"a material of the room is PART=MATERIAL, got '{text}'")
+    return part, name
+
+
+def _stimulus(
+    material: str,
+    experiment: str,
+    resolution: int | None,
+    spp: int,
+    rotation: float,
+    patch: float = 0.0,
+    **options: Any,
+) -> CylinderStimulus:
+    from simrig import backend
+    from simrig.evaluation.stimuli import CylinderStimulus
+    from simrig.evaluation.stimuli_materials import StimulusMaterial, stimulus_stack
+    from simrig.scenes.cylinder_layout import cylinder_row
+
+    cylinder_row(experiment)  # a wrong one is refused before anything is measured
+    backend.select()
+    stack = stimulus_stack(material, **options)
+    shown = StimulusMaterial(stack)
+    return CylinderStimulus(shown, experiment, resolution, spp, rotation, patch)
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix not in (".png", ".exr"):
+        raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
+
+
+def _write(temporary: Path, path: Path, result: RenderResult, name: str) -> float:
+    """Write a picture and return the exposure at which a PNG shows it."""
+    from simrig.data.images import write_exr, write_png
+    from simrig.evaluation.rendering import display_exposure
+
+    if path.suffix == ".exr":
+        write_exr(temporary, result.image, {"material": name, "unit": "radiance"})
+        return 1.0
+    exposure = display_exposure(result.image)
+    write_png(temporary, result.image, exposure=exposure)
+    return exposure
+
+
+def _report(path: Path, result: RenderResult, about: dict[str, Any]) -> frame.Report:
+    height, width = result.image.shape[:2]
+    data = {
+        "output": path,
+        "size": [width, height],
+        "spp": result.spp,
+        "compile_seconds": result.compile_seconds,
+        "run_seconds": result.run_seconds,
+        **about,
+    }
+    took = f"{result.run_seconds:.2f} s and {result.compile_seconds:.2f} s to compile"
+    return frame.Report(data, [f"{path}: {width} × {height}, {result.spp} spp, {took}"])
