@@ -15,7 +15,7 @@ from simrig.reflectance.barycentric import BarycentricReflectance
 from simrig.reflectance.btf import BtfStack
 from simrig.reflectance.btf_factored import FactoredBtf
 from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_sliced import linear_weights, sliced_stack
+from simrig.reflectance.btf_sliced import sliced_stack
 from simrig.reflectance.btf_synthetic import bumps
 from simrig.reflectance.protocol import evaluate
 from simrig.reflectance.pyramid import Footprint
@@ -168,29 +168,26 @@ def test_bad_requests_are_refused(stack) -> None:
         FactoredBtf.from_stack(part)
 
 
-def test_slices_make_the_stack_that_their_method_makes(stack) -> None:
-    """Each view's images from every third illumination, linearly between neighbours."""
-    grid = np.arange(841).reshape(29, 29)
-    taken = grid[::4].ravel()
+def test_a_sliced_stack_has_what_its_method_makes_of_every_texel(stack) -> None:
+    """Each view's images from every fourth illumination, linearly between neighbours."""
+    taken = np.arange(841).reshape(29, 29)[::4].ravel()
     kept = np.arange(0, 29, 4)
 
     def method(values: np.ndarray) -> np.ndarray:
-        table = values.reshape(len(kept), 29)
-        columns = [np.interp(np.arange(29), kept, table[:, v]) for v in range(29)]
-        return np.stack(columns, axis=1).ravel()
+        table = values.reshape(len(kept), -1)
+        columns = [np.interp(np.arange(29), kept, column) for column in table.T]
+        return np.stack(columns, axis=1).reshape(841, *values.shape[1:])
 
-    weights = linear_weights(method, len(taken))
-    measured = BtfStack(stack.values[taken], stack.angles[taken], stack.size_mm, "slices")
-    sliced = sliced_stack(measured, weights, stack.angles)
-    texel = np.stack([method(measured.values[:, 3, 4, c].astype(float)) for c in range(3)], axis=1)
-    np.testing.assert_allclose(sliced.values[:, 3, 4], texel, rtol=1e-5, atol=1e-7)
+    sliced = sliced_stack(stack, taken, method, stack.angles)
+    texel = method(stack.values[taken, 3, 4].astype(np.float64)[:, None])[:, 0]
+    np.testing.assert_allclose(sliced.values[:, 3, 4], texel, rtol=1e-6, atol=1e-7)
+    assert sliced.provenance["images"] == len(taken) and sliced.values.dtype == np.float32
     wi, wv = stack.directions
     for form in (FullBtf.from_stack(sliced), FactoredBtf.from_stack(sliced, tolerance=0.02)):
         np.testing.assert_allclose(evaluate(form, wi, wv), sliced.mean().values, rtol=1.3e-4)
-    with pytest.raises(SimrigError, match="need finite weights of shape"):
-        sliced_stack(measured, weights[:, 1:], stack.angles)
 
 
-def test_a_method_that_is_not_linear_is_refused() -> None:
-    with pytest.raises(SimrigError, match="the method is not linear"):
-        linear_weights(lambda values: np.sqrt(values), 5)
+def test_a_method_of_another_shape_or_without_values_is_refused(stack) -> None:
+    for found in (np.ones((3, 1, 3)), np.full((841, 96, 3), np.nan)):
+        with pytest.raises(SimrigError, match="finite ones of shape"):
+            sliced_stack(stack, np.arange(5), lambda _, found=found: found, stack.angles)

@@ -32,6 +32,7 @@ def register(app: typer.Typer) -> None:
         ("info", info),
         ("convert", convert),
         ("average", average),
+        ("from-slices", from_slices),
     ):
         frame.command(group, name)(function)
     app.add_typer(group, name="btf")
@@ -205,6 +206,28 @@ def average(
             "bytes": saved.bytes,
         },
         [f"{output}: {brdf.name}, {len(brdf.theta)} × {len(brdf.theta)} directions"],
+    )
+
+
+def from_slices(
+    measured: Annotated[Path, typer.Argument(help="A BTF with the gantry's 168 images (.h5).")],
+    output: Annotated[Path, typer.Argument(help="The BTF of 81 × 81 directions (.h5).")],
+    method: Annotated[str, typer.Option(help="Of the gantry: a, b or bd (slow).")] = "b",
+    force: _Force = False,
+) -> frame.Report:
+    """Rebuild a BTF of 6,561 images from the 168 of a gantry, texel by texel."""
+    from simrig.data.btf_hdf5 import read_btf, write_btf
+    from simrig.reconstruction.gantry_btf import reconstruct_btf
+
+    start = time.perf_counter()
+    with output_file(output, force):
+        with frame.progress(f"{measured.name}, method {method.upper()}; texels") as report:
+            stack = reconstruct_btf(read_btf(measured), method, progress=report)
+        write_btf(output, stack)
+    data = _described(output) | {"seconds": time.perf_counter() - start}
+    return frame.Report(
+        data,
+        [f"{output}: {len(stack):,} images, {_mega(stack.nbytes)}, in {data['seconds']:.1f} s"],
     )
 
 

@@ -11,6 +11,7 @@ elevations goes on below zero in the values themselves, and errs far more.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -28,8 +29,8 @@ from simrig.sampling.gantry import GantryPlan
 
 METHODS = ("a", "b", "bd")
 TRANSPORTS: dict[str, Blend] = {"rows": transport_rows, "subspaces": transport_subspaces}
-_RBF_AZIMUTHS = 24  # of the nodes of method A: 15°, the thesis's
-_MOST_GLOBAL_NODES = 6000  # of one system: three elevations
+RBF_AZIMUTHS = 24  # of the nodes of method A: 15°, the thesis's
+MOST_GLOBAL_NODES = 6000  # of one system: three elevations
 
 
 class GantrySamples(Protocol):
@@ -119,8 +120,15 @@ def _elevations(highest: float, largest_step_deg: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Nodes:
-    """Reconstructed subspaces as samples at direction pairs, for radial basis functions."""
+class SubspaceNodes:
+    """Reconstructed subspaces as samples at direction pairs, for radial basis functions.
+
+    Attributes:
+        theta_i, theta_v, phi_i, phi_v: in radians, (n,): elevations of illumination, of view,
+            azimuths of illumination, of view, the last fastest.
+        values: f_r, (n, channels).
+        material: what it is called.
+    """
 
     theta_i: np.ndarray
     theta_v: np.ndarray
@@ -129,21 +137,25 @@ class _Nodes:
     values: np.ndarray
     material: str
 
+    @classmethod
+    def of(cls, elevations: Sequence[float], measured: np.ndarray, material: str) -> SubspaceNodes:
+        """Return the nodes of what ``subspaces`` returned for evenly spaced azimuths."""
+        count = measured.shape[2]
+        phi = np.arange(count) * (2.0 * np.pi / count)
+        theta = np.array(elevations)
+        grids = np.meshgrid(theta, theta, phi, phi, indexing="ij")
+        values = measured.reshape(-1, measured.shape[-1])
+        return cls(*(grid.ravel() for grid in grids), values, material)
+
 
 def _by_rbf(
     measurement: GantrySamples, wanted: np.ndarray, azimuths: int, settings: tuple[str, str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the table of method A and its notes."""
     plan = measurement.plan
-    count = min(azimuths, _RBF_AZIMUTHS)
-    measured = subspaces(plan, measurement.values, count, *settings)
-    phi = np.arange(count) * (2.0 * np.pi / count)
-    theta = np.array(plan.elevations)
-    grids = np.meshgrid(theta, theta, phi, phi, indexing="ij")
-    theta_i, theta_v, phi_i, phi_v = (grid.ravel() for grid in grids)
-    colours = measured.reshape(-1, 3)
-    nodes = _Nodes(theta_i, theta_v, phi_i, phi_v, colours, measurement.material)
-    local = len(nodes.values) > _MOST_GLOBAL_NODES
+    measured = subspaces(plan, measurement.values, min(azimuths, RBF_AZIMUTHS), *settings)
+    nodes = SubspaceNodes.of(plan.elevations, measured, measurement.material)
+    local = len(nodes.values) > MOST_GLOBAL_NODES
     neighbours = NEIGHBOURS if local else None
     result = reconstruct_rbf(nodes, neighbours, reciprocal=False, logarithms=True)
     notes = ("splines of logarithms", *result.notes)

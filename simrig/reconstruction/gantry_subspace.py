@@ -38,7 +38,7 @@ def default_combination(plan: GantryPlan) -> str:
 def subspaces(
     plan: GantryPlan,
     values: np.ndarray,
-    azimuths: int,
+    azimuths: int | np.ndarray,
     combination: str | None = None,
     interpolation: str = "pchip",
 ) -> np.ndarray:
@@ -46,14 +46,15 @@ def subspaces(
 
     Args:
         plan: the elevations and slices.
-        values: (n, 3) measured at ``plan.angles()``.
-        azimuths: of illumination and view over the full circle, from 0.
+        values: (n, channels) measured at ``plan.angles()``: three, or those of many texels.
+        azimuths: of illumination and view: so many over the full circle, from 0, or a list of
+            them in radians.
         combination: of ``COMBINATIONS``; by default see ``default_combination``.
         interpolation: along the slices: ``"pchip"`` (never overshoots), ``"cubic"`` or
             ``"linear"``.
 
     Returns:
-        (elevations, elevations, azimuths, azimuths, 3), theta_i, theta_v, φ_i, φ_v; >= 0.
+        (elevations, elevations, azimuths, azimuths, channels), theta_i, theta_v, φ_i, φ_v; >= 0.
 
     Raises:
         SimrigError: unknown names, or a combination that the plan has no slices for.
@@ -62,22 +63,24 @@ def subspaces(
     _check(plan, values, combination)
     interpolate = SliceInterpolator(plan.knots(), values, interpolation)
     count = len(plan.elevations)
-    phi = np.arange(azimuths) * (_TURN / azimuths)
+    even = isinstance(azimuths, int | np.integer)
+    phi = np.arange(azimuths) * (_TURN / azimuths) if even else np.asarray(azimuths)
     phi_i, phi_v = (grid.ravel() for grid in np.meshgrid(phi, phi, indexing="ij"))
-    out = np.empty((count, count, azimuths, azimuths, 3))
+    shape = (len(phi), len(phi), np.shape(values)[1])
+    out = np.empty((count, count, *shape))
     for pair in plan.pairs:
         view = _Subspace(plan, values, interpolate, pair)
         found = getattr(view, combination)(phi_i, phi_v)
-        out[pair] = np.maximum(found, 0.0).reshape(azimuths, azimuths, 3)
+        out[pair] = np.maximum(found, 0.0).reshape(shape)
     return out
 
 
 def _check(plan: GantryPlan, values: np.ndarray, combination: str) -> None:
     if combination not in COMBINATIONS:
         raise unknown_name("combination of slices", combination, COMBINATIONS)
-    if np.shape(values) != (plan.samples, 3):
+    if np.ndim(values) != 2 or len(values) != plan.samples:
         raise SimrigError(
-            f"the plan has {plan.samples} samples of three channels, got {np.shape(values)}"
+            f"the plan has {plan.samples} samples of some channels, got {np.shape(values)}"
         )
     if combination != "turning" and plan.axial == 0:
         raise SimrigError(f"'{combination}' needs axial slices: use 'turning', or measure some")

@@ -27,7 +27,7 @@ from simrig.reflectance.rbf import BAND, RbfReflectance, Spline, Told
 LARGEST_GLOBAL = 24_000  # nodes of one spline: its system takes 8 bytes times their square
 NEIGHBOURS = 50
 _SAME = 1e-5  # radians between nodes that are one: 0.0006°, less than any arm repeats
-_FLOOR = 1e-3  # of the median, where logarithms end
+LOG_FLOOR = 1e-3  # of the median, where logarithms end
 _BLOCK = 20_000  # points that SciPy evaluates at once
 
 
@@ -74,7 +74,7 @@ def reconstruct_rbf(
     if neighbours is not None and neighbours < 6:
         raise SimrigError(f"local splines need at least 6 neighbours, got {neighbours}")
     values = np.asarray(measurement.values, dtype=np.float64)
-    floor = _FLOOR * np.median(values, axis=0) + np.finfo(float).tiny if logarithms else None
+    floor = LOG_FLOOR * np.median(values, axis=0) + np.finfo(float).tiny if logarithms else None
     halves = [_merged(*half) for half in _halves(measurement, values, reciprocal)]
     if floor is not None:
         halves = [(nodes, np.log(means + floor)) for nodes, means in halves]
@@ -98,6 +98,28 @@ def reconstruct_rbf(
     if repeated:
         notes.append(f"{repeated} repeated samples merged")
     return RbfResult(reflectance, fits, tuple(notes))
+
+
+def rbf_weights(nodes: PairMeasurement, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
+    """Return what the value at each node counts in a global, not reciprocal interpolation.
+
+    One matrix serves any number of materials that were measured at the same pairs. Where the two
+    halves meet, |theta_v - theta_i| < 2°, the interpolated numbers themselves are blended.
+
+    Args:
+        nodes: whose directions count, not their values.
+        wi, wv: unit vectors of the wanted pairs, (n, 3).
+
+    Returns:
+        (n, nodes).
+    """
+    count = len(nodes.theta_i)
+    halves = [_merged(*half) for half in _halves(nodes, np.eye(count), reciprocal=False)]
+    light, view = (_spline(*half, None, nodes.material)[0] for half in halves)
+    endless = np.full(count, np.inf)
+    theta_max = float(max(nodes.theta_i.max(), nodes.theta_v.max()))
+    spline = RbfReflectance(light, view, -endless, endless, None, theta_max, nodes.material)
+    return spline.values(wi, wv)
 
 
 def _halves(

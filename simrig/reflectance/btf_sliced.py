@@ -1,106 +1,67 @@
-"""A BTF from a few images: every pair's image as a weighted sum of measured ones.
+"""A BTF from a few images: every texel's values at all pairs from those that were measured.
 
-A gantry measures slices of 168 images in place of 6,561 (thesis section 6.3.5). A method that is
-linear in the measured values has the same weights for every texel and channel, so a whole
-BTF is the measured images and one matrix. Methods that are not linear (moving or warping
-highlights, displacement interpolation, a fitted model, logarithms) have no such matrix and are
-refused: they have to be run per texel, and their result is a stack like any other.
+A gantry measures slices of 168 images in place of 6,561 (thesis section 6.3.5). Which method makes
+the others is not decided here (``simrig.reconstruction.gantry_btf`` has those of the gantry). The
+result is a stack like any other: it renders, is factorised and is stored.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from simrig.errors import SimrigError
 from simrig.reflectance.btf import BtfStack
 
-_LINEAR = 1e-5  # largest deviation from linearity, relative to the largest value
-_PROBES = 4  # random inputs that a method is tried on
-_IGNORED = 1e-12  # of a weight
+_AT_ONCE = 1 << 26  # bytes of the float64 values of some texels at all pairs
+_LARGEST = {2: 65504.0, 4: float(np.finfo(np.float32).max)}  # by the bytes of a value
 
 
-class WeightedImages:
-    """The product of weights and images, made row by row when it is asked for; never negative.
-
-    Weights may be negative, reflectance may not: what falls below zero is black there.
-
-    Args:
-        weights: (pairs, s).
-        images: (s, H, W, 3).
-    """
-
-    dtype = np.dtype(np.float32)
-
-    def __init__(self, weights: np.ndarray, images: np.ndarray):
-        self.weights = np.ascontiguousarray(weights, dtype=np.float32)
-        self.images = np.ascontiguousarray(images, dtype=np.float32)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the product."""
-        return (len(self.weights), *self.images.shape[1:])
-
-    def __getitem__(self, key: Any) -> np.ndarray:
-        rows, *rest = key if isinstance(key, tuple) else (key,)
-        images = self.images[(slice(None), *rest)]
-        return np.maximum(np.tensordot(self.weights[rows], images, (-1, 0)), 0.0)
-
-
-def linear_weights(
-    method: Callable[[np.ndarray], np.ndarray], count: int, seed: int = 0
-) -> np.ndarray:
-    """Return the matrix of a reconstruction method that is linear in the measured values.
+def sliced_stack(
+    measured: BtfStack,
+    numbers: np.ndarray,
+    method: Callable[[np.ndarray], np.ndarray],
+    angles: np.ndarray,
+    progress: Callable[..., None] | None = None,
+) -> BtfStack:
+    """Return the stack of all pairs that a few measured images make, in memory.
 
     Args:
-        method: takes values of shape (count,), returns those of all pairs, shape (pairs,).
-        count: number of measured values.
-        seed: of the inputs on which linearity is tried.
+        measured: the images.
+        numbers: of the images that the method takes, in its order, (s,).
+        method: takes values (s, texels, 3) as float64, returns (pairs, texels, 3); what falls
+            below zero is black.
+        angles: theta_i, theta_v, phi_i, phi_v of the pairs in radians, shape (pairs, 4).
+        progress: called with texels done and in total.
 
     Returns:
-        Weights of shape (pairs, count).
+        A stack of the type of the measured one.
 
     Raises:
-        SimrigError: the method is not linear, with how far it is off.
+        SimrigError: a method that returns another shape, or values that are not finite.
     """
-    unit = np.eye(count)
-    weights = np.stack([np.asarray(method(row), dtype=np.float64) for row in unit], axis=1)
-    rng = np.random.default_rng(seed)
-    for values in rng.random((_PROBES, count)):
-        expected = weights @ values
-        found = np.asarray(method(values), dtype=np.float64)
-        off = np.abs(found - expected).max() / max(float(np.abs(expected).max()), 1e-300)
-        if not off <= _LINEAR:
+    height, width = measured.resolution
+    known = np.stack([np.asarray(measured.values[k], dtype=np.float64) for k in numbers.tolist()])
+    known = known.reshape(len(numbers), -1, 3)
+    texels, dtype = height * width, np.dtype(measured.values.dtype)
+    values = np.empty((len(angles), texels, 3), dtype=dtype)
+    step = max(1, _AT_ONCE // (24 * len(angles)))
+    for start in range(0, texels, step):
+        part = slice(start, min(start + step, texels))
+        found = method(known[:, part])
+        if found.shape != values[:, part].shape or not np.all(np.isfinite(found)):
             raise SimrigError(
-                f"the method is not linear (off by {100 * off:.2g} % of its largest value): "
-                "reconstruct each texel by itself"
+                f"the method made values of shape {found.shape} for BTF '{measured.name}', finite "
+                f"ones of shape {values[:, part].shape} are needed"
             )
-    return np.where(np.abs(weights) > _IGNORED, weights, 0.0)
-
-
-def sliced_stack(measured: BtfStack, weights: np.ndarray, angles: np.ndarray) -> BtfStack:
-    """Return the stack of all pairs that a few measured images make; it takes no more memory.
-
-    Args:
-        measured: the images of the slices; held in memory as float32.
-        weights: (pairs, images), as from ``linear_weights``.
-        angles: theta_i, theta_v, phi_i, phi_v of the pairs in radians, shape (pairs, 4).
-
-    Raises:
-        SimrigError: weights that do not fit the images, or are not finite.
-    """
-    if np.shape(weights) != (len(angles), len(measured)) or not np.all(np.isfinite(weights)):
-        raise SimrigError(
-            f"{len(measured)} images and {len(angles)} pairs need finite weights of shape "
-            f"({len(angles)}, {len(measured)}), got {np.shape(weights)}"
-        )
-    images = np.concatenate([block for _, block in measured.blocks()])
+        values[:, part] = np.clip(found, 0.0, _LARGEST[dtype.itemsize])
+        if progress is not None:
+            progress(part.stop, texels)
     return BtfStack(
-        WeightedImages(weights, images),
+        values.reshape(len(angles), height, width, 3),
         angles,
         measured.size_mm,
-        f"{measured.name}, from {len(measured)} images",
-        {**measured.provenance, "images": len(measured)},
+        f"{measured.name}, from {len(numbers)} images",
+        {**measured.provenance, "images": len(numbers)},
     )

@@ -118,7 +118,8 @@ class RbfReflectance(Reflectance):
             progress: called with the number of evaluations done and in total.
 
         Returns:
-            (n, 3) linear RGB in 1/sr; 0 for directions that are not finite.
+            (n, 3) linear RGB in 1/sr; 0 for directions that are not finite. Splines of other
+            than three channels (NumPy only) give as many as they have.
         """
         known = np.isfinite(wi).all(axis=1) & np.isfinite(wv).all(axis=1)
         wi, wv = (np.where(known[:, None], w, (0.0, 0.0, 1.0)) for w in (wi, wv))
@@ -127,7 +128,7 @@ class RbfReflectance(Reflectance):
         share = np.clip(ahead, 0.0, 1.0)
         parts = [(wi, wv, share), (wv, wi, 1.0 - share)]
         total = sum(int(np.count_nonzero(weight)) for *_, weight in parts)
-        value, done = np.zeros(wi.shape), 0
+        value, done = np.zeros((len(wi), len(self.low))), 0
         for spline, (steep, flat, weight) in zip(self.splines, parts, strict=True):
             used = weight > 0.0
             points = np.stack(to_onion(steep[used], flat[used]), axis=-1)
