@@ -1,0 +1,147 @@
+"""The room of chairs: what stands where, its scale, its forms, the study and the benchmark."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from simrig.errors import SimrigError
+from simrig.evaluation.benchmarks import room as benchmark
+from simrig.evaluation.rendering import render
+from simrig.evaluation.room import (
+    GROUP_DISTANCES_M,
+    Room,
+    far_share,
+    group_distances_mm,
+    range_map_m,
+    room_materials,
+)
+from simrig.evaluation.studies.engine import run_study
+from simrig.evaluation.studies.room_switch import STUDY, table
+from simrig.mesostructure import PRESETS
+from simrig.scenes import room
+from simrig.scenes.chair import cushions, frame
+from simrig.scenes.meshes import rounded_box
+from simrig.scenes.room import CHAIRS, ROOM_PARTS, ROWS, chair_places
+
+WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
+# squares that a small picture resolves
+BOARDS = dict.fromkeys(ROOM_PARTS, "chessboard-150")
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+
+def test_it_holds_what_the_thesis_says() -> None:
+    """Section 3.3.5: six rows of twelve chairs, 14 materials, of these two carpets."""
+    assert len(chair_places()) == ROWS * CHAIRS == 72
+    assert len(ROOM_PARTS) == len(set(ROOM_PARTS.values())) == 14
+    groups = {part: PRESETS[name].group for part, name in ROOM_PARTS.items()}
+    assert [part for part, name in ROOM_PARTS.items() if "carpet" in name] == ["carpet", "aisle"]
+    for part, group in groups.items():
+        if part.startswith("cushion"):
+            assert group.startswith(("fabric", "leather"))
+        elif part.startswith(("frame", "walls")):
+            assert group.startswith("wood")
+    assert set(GROUP_DISTANCES_M) >= set(groups.values())
+
+
+def test_neighbours_do_not_touch_and_neighbouring_chairs_differ() -> None:
+    places = chair_places()
+    assert len({(x, z) for _, x, z in places}) == len(places)
+    for (kind, x, z), (other, next_x, next_z) in itertools.pairwise(places):
+        if z == next_z:
+            assert kind != other and abs(next_x - x) > 575.0  # the outer sides of the arms
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [rounded_box((400.0, 300.0, 100.0), 30.0), cushions(), frame()],
+    ids=["box", "cushions", "frame"],
+)
+def test_uv_are_millimetres_and_normals_point_outwards(surface) -> None:
+    """The texture is squeezed at corners only: almost all of the area has its true size."""
+    corners, uv = surface.vertices[surface.faces], surface.uv[surface.faces]
+    edges, uv_edges = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
+    across = np.cross(edges[:, 0], edges[:, 1])
+    area = 0.5 * np.linalg.norm(across, axis=1)
+    uv_area = 0.5 * (uv_edges[:, 0, 0] * uv_edges[:, 1, 1] - uv_edges[:, 0, 1] * uv_edges[:, 1, 0])
+    assert np.all(uv_area > 0.0)  # u, v and the normal are right-handed
+    true = np.abs(area / uv_area - 1.0) < 0.08
+    assert area[true].sum() > 0.9 * area.sum()
+    facing = np.einsum("ij,ij->i", across, surface.normals[surface.faces[:, 0]])
+    assert np.all(facing > 0.0)
+    np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=1), 1.0, atol=1e-9)
+
+
+def test_the_range_is_twelve_metres() -> None:
+    distance = range_map_m(96)
+    assert distance.shape == (54, 96)
+    seen = distance[distance > 0.0]
+    assert 2.0 < seen.min() < 3.5 and 12.0 < seen.max() < 14.0
+
+
+def test_a_larger_distance_shows_fewer_brdfs() -> None:
+    shares = [far_share(group_distances_mm(factor), 64) for factor in (0.0, 1.0, 10.0)]
+    assert shares[0] == 1.0 and shares[2] == 0.0
+    assert 0.1 < shares[1] < 0.9
+
+
+@pytest.fixture(scope="module")
+def materials():
+    return room_materials(BOARDS)
+
+
+def test_switched_is_the_btf_near_and_the_brdf_far(materials) -> None:
+    near, far, btf, brdf = (
+        render(Room(materials, group_distances_mm(factor), 64, 1).scene(form)).image
+        for factor, form in ((100.0, "switched"), (0.0, "switched"), (1.0, "btf"), (1.0, "brdf"))
+    )
+    np.testing.assert_allclose(near, btf, atol=1e-4)
+    np.testing.assert_allclose(far, brdf, atol=1e-4)
+    assert np.abs(btf - brdf).max() > 0.1
+
+
+@pytest.mark.slow
+def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
+    config = {
+        **STUDY.presets["quick"],
+        "materials": BOARDS,
+        "resolution": 96,
+        "spp": 1,
+        "rounds": 1,
+        "texels": 8,
+    }
+    found = run_study(STUDY, config, tmp_path)
+    forms = found.summary["forms"]
+    assert forms["btf"]["faster"] == 1.0 and forms["btf"]["psnr"] is None
+    assert forms["brdf"]["psnr"] < forms["switched"]["psnr"]
+    assert 0.0 < forms["switched"]["far_share"] < 1.0
+    assert forms["switched"]["published_psnr"] == 58.6
+    assert table(found.summary)
+    names = {path.name for path in found.files}
+    assert {"range_map.png", "switched_difference.png", "brdf_difference.png"} <= names
+
+
+@pytest.mark.slow
+def test_the_benchmark_renders_every_form() -> None:
+    results = benchmark.run(
+        resolution=32, spp=1, rounds=1, texels=2, directions="uniform_1", variant="llvm_ad_rgb"
+    )
+    assert len(results["rows"]) == 8 and benchmark.table(results)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: room({"wals": WHITE}), "did you mean 'walls'"),
+        (lambda: room({"walls": WHITE}), "'carpet' has no material"),
+        (lambda: group_distances_mm(-1.0), "at least 0"),
+        (lambda: room_materials({"flor": "bumps"}), "unknown part of the room"),
+        (lambda: Room({}, {}).scene("btff"), "did you mean 'btf'"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_line(make, message: str) -> None:
+    with pytest.raises(SimrigError, match=message):
+        make()
