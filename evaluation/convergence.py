@@ -16,14 +16,14 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import linregress
 
 from simrig.effects import Tolerance
 from simrig.errors import SimrigError, unknown_name
+from simrig.evaluation.convergence_ledger import Ledger
+from simrig.evaluation.convergence_results import Convergence, Point, Reference, fit_rate
 from simrig.evaluation.metrics import foreground_mask, psnr_from_mse
 from simrig.evaluation.planning.integrators import hides_emitters
 from simrig.evaluation.rendering import load, render
@@ -47,112 +47,6 @@ _SIGNIFICANT = 2.0  # standard errors
 _TELLS = 0.25  # above this part of the tolerance the reference cannot tell what meets it
 
 
-@dataclass(frozen=True)
-class Point:
-    """One setting and what it achieves. Errors are of one render, against the reference.
-
-    Attributes:
-        integrator, sampler: by name.
-        spp: samples per pixel of one render.
-        delta_e: mean CIE ΔE 1976 over the pixels that are not black.
-        relative_rmse: root mean square error over the mean of the reference.
-        psnr: of the displayed picture, in dB.
-        error: in the unit of the tolerance.
-        noise: the part of ``relative_rmse`` that changes from seed to seed.
-        bias: the part that does not; 0 where it cannot be told from 0 (two standard errors).
-        compile_seconds: of its first render; 0 where an earlier setting left the kernel.
-        run_seconds: of the faster of the two renders.
-    """
-
-    integrator: str
-    sampler: str
-    spp: int
-    delta_e: float
-    relative_rmse: float
-    psnr: float
-    error: float
-    noise: float
-    bias: float
-    compile_seconds: float
-    run_seconds: float
-
-
-@dataclass(frozen=True)
-class Rate:
-    """How fast the noise of a method falls: noise ∝ spp^slope; −½ is plain Monte Carlo.
-
-    Attributes:
-        integrator, sampler: by name.
-        slope, standard_error: of the line through log noise over log spp.
-        points: how many settings the line goes through.
-    """
-
-    integrator: str
-    sampler: str
-    slope: float
-    standard_error: float
-    points: int
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The picture that all others are compared with, and how well it is known.
-
-    Attributes:
-        spp: samples per pixel, in both halves together.
-        delta_e, relative_rmse, error: its standard errors (``error`` in the tolerance's unit).
-        seconds: compilation and run.
-        suffices: whether they are small enough to tell what meets the tolerance.
-    """
-
-    spp: int
-    delta_e: float
-    relative_rmse: float
-    error: float
-    seconds: float
-    suffices: bool
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """Error over time of many settings; ``evaluation.convergence_report`` shows it.
-
-    Attributes:
-        tolerance: what counts as good enough.
-        reference: what all are compared with.
-        points: the settings, in the order in which they were rendered.
-        rates: of the methods with at least three settings that are noisy.
-        left_out: settings for which there was no time.
-    """
-
-    tolerance: Tolerance
-    reference: Reference
-    points: tuple[Point, ...]
-    rates: tuple[Rate, ...]
-    left_out: int
-
-    @property
-    def cheapest(self) -> Point | None:
-        """The setting that meets the tolerance in the least time, compilation apart."""
-        good = [point for point in self.points if point.error <= self.tolerance.amount]
-        if not good or not self.reference.suffices:
-            return None
-        return min(good, key=lambda point: point.run_seconds)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        cheapest = self.cheapest
-        return {
-            "tolerance": str(self.tolerance),
-            "unit": self.tolerance.unit,
-            "reference": asdict(self.reference),
-            "rows": [asdict(point) for point in self.points],
-            "rates": [asdict(rate) for rate in self.rates],
-            "cheapest": None if cheapest is None else asdict(cheapest),
-            "left_out": self.left_out,
-        }
-
-
 def converge(
     scene: Any,
     tolerance: Tolerance,
@@ -164,6 +58,7 @@ def converge(
     exposure: float = 1.0,
     seed: int = 0,
     progress: Callable[..., None] | None = None,
+    ledger: Ledger | None = None,
 ) -> Convergence:
     """Render a scene in many settings and say which is the cheapest that is good enough.
 
@@ -182,6 +77,8 @@ def converge(
         exposure: factor from radiance to the displayed linear value.
         seed: of all random numbers.
         progress: called with settings done, in total, and what is being rendered.
+        ledger: notes what is finished; what it holds already is not rendered again, and the time
+            that took counts.
 
     Raises:
         SimrigError: unknown names, no time, or a scene that cannot be built.
@@ -190,31 +87,48 @@ def converge(
     if not budget_seconds > 0.0:
         raise SimrigError(f"the time budget must be above 0 s, got {budget_seconds:g}")
     scenes = {name: load(with_sampler(scene, name)) for name in dict.fromkeys(samplers)}
-    start = time.perf_counter()
+    ledger = ledger or Ledger()
+    start = time.perf_counter() - ledger.seconds
     total = len(methods) * len(levels) + 1
     report = progress or (lambda *_: None)
     report(0, total, "reference")
-    picture, reference = _reference(
-        load(with_sampler(scene, "independent")), tolerance, budget_seconds, exposure, seed
-    )
-    points: list[Point] = []
+    if ledger.reference is None:
+        reference_scene = load(with_sampler(scene, "independent"))
+        found = _reference(reference_scene, tolerance, budget_seconds, exposure, seed)
+        ledger.note_reference(*found, time.perf_counter() - start)
+    picture, reference = ledger.found_reference()
     done, left_out = 1, 0
     for level, (integrator, sampler) in itertools.product(levels, methods):
         report(done, total, f"{integrator}, {sampler}, {level} spp")
         done += 1
         spp = samples_for(sampler, level)
-        last = _last(points, integrator, sampler)
-        if last is not None and last.spp == spp:  # two levels that a sampler rounds to one
+        last = _last(ledger.points, integrator, sampler)
+        if last is not None and last.spp >= spp:  # noted, or two levels that are rounded to one
             continue
         expected = 0.0 if last is None else 2.0 * last.run_seconds * spp / last.spp
         if time.perf_counter() - start + expected > budget_seconds:
             left_out += 1
             continue
         pair = _pair(scenes[sampler], integrator, spp, seed + 1)
-        points.append(_point(integrator, sampler, pair, picture, reference, tolerance, exposure))
+        point = _point(integrator, sampler, pair, picture, reference, tolerance, exposure)
+        ledger.note(point, time.perf_counter() - start)
     report(total, total)
+    return result_so_far(ledger, tolerance, left_out)
+
+
+def result_so_far(ledger: Ledger, tolerance: Tolerance, left_out: int = 0) -> Convergence:
+    """Return what a ledger holds as a result.
+
+    Args:
+        ledger: with a reference.
+        tolerance: what counts as good enough.
+        left_out: settings for which there was no time.
+    """
+    _, reference = ledger.found_reference()
+    points = tuple(ledger.points)
+    methods = dict.fromkeys((point.integrator, point.sampler) for point in points)
     rates = tuple(rate for method in methods if (rate := fit_rate(points, *method)) is not None)
-    return Convergence(tolerance, reference, tuple(points), rates, left_out)
+    return Convergence(tolerance, reference, points, rates, left_out)
 
 
 def _methods(
@@ -323,16 +237,3 @@ def _bias(off: np.ndarray, reference_error: float) -> float:
     certain = _SIGNIFICANT * float(products.std()) / math.sqrt(products.size)
     squared = float(products.mean()) - reference_error**2
     return math.sqrt(squared) if squared > certain else 0.0
-
-
-def fit_rate(points: Iterable[Point], integrator: str, sampler: str) -> Rate | None:
-    """Fit how fast the noise of a method falls; None with fewer than three noisy settings."""
-    own = [
-        (math.log(p.spp), math.log(p.noise))
-        for p in points
-        if (p.integrator, p.sampler) == (integrator, sampler) and p.noise > 0.0
-    ]
-    if len(own) < 3:
-        return None
-    fit = linregress(*zip(*own, strict=True))
-    return Rate(integrator, sampler, float(fit.slope), float(fit.stderr), len(own))

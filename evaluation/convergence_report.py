@@ -15,7 +15,7 @@ from rich import box
 from rich.table import Table
 
 from simrig.data.files import atomic_write
-from simrig.evaluation.convergence import Convergence, Point
+from simrig.evaluation.convergence_results import Convergence, Point
 from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, pareto_front
 
 _LABELS = {"dE": "mean ΔE", "psnr": "displayed RMS [steps of 255]", "relative": "relative error"}

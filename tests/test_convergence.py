@@ -16,19 +16,14 @@ from typer.testing import CliRunner
 from simrig.cli.app import app
 from simrig.effects import parse_tolerance
 from simrig.errors import SimrigError
-from simrig.evaluation.convergence import (
-    INTEGRATORS,
-    Convergence,
-    Point,
-    Reference,
-    converge,
-    fit_rate,
-)
+from simrig.evaluation.convergence import INTEGRATORS, converge, result_so_far
+from simrig.evaluation.convergence_ledger import Ledger
 from simrig.evaluation.convergence_report import (
     convergence_csv,
     convergence_plot,
     convergence_tables,
 )
+from simrig.evaluation.convergence_results import Convergence, Point, Reference, fit_rate
 from simrig.evaluation.rendering import render
 from simrig.evaluation.replicates import Replicates, difference, distances
 from simrig.evaluation.samplers import SAMPLERS, samples_for, with_sampler
@@ -269,3 +264,78 @@ def test_integrators_name_the_depths_they_trace() -> None:
     for name, integrator in INTEGRATORS.items():
         if name.startswith("path-"):
             assert integrator == {"type": "path", "max_depth": int(name.removeprefix("path-"))}
+
+
+def interrupted_after(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let Ctrl-C come while the setting after some others is rendered."""
+    from simrig.evaluation import convergence
+
+    render_pair, calls = convergence._pair, []
+
+    def pair(*arguments: Any) -> Any:
+        calls.append(arguments)
+        if len(calls) > points:
+            raise KeyboardInterrupt
+        return render_pair(*arguments)
+
+    monkeypatch.setattr(convergence, "_pair", pair)
+
+
+ONE_METHOD: dict[str, Any] = {
+    "integrators": ("direct",),
+    "samplers": ("independent",),
+    "levels": (1, 4, 16, 64),
+    "budget_seconds": 1e3,
+}
+
+
+@pytest.mark.usefixtures("variant_llvm")
+def test_an_interrupted_convergence_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the same numbers as without the interruption, and nothing is rendered twice."""
+    scene = sphere(GREY, resolution=16)
+    whole = converge(scene, TOLERANCE, **ONE_METHOD)
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch)
+        with pytest.raises(KeyboardInterrupt):
+            converge(scene, TOLERANCE, **ONE_METHOD, ledger=Ledger.kept_in(tmp_path))
+    kept = Ledger.kept_in(tmp_path)
+    assert [p.spp for p in kept.points] == [1, 4] and kept.seconds > 0.0
+    assert result_so_far(kept, TOLERANCE).points == tuple(kept.points)
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch)  # two more are enough
+        resumed = converge(scene, TOLERANCE, **ONE_METHOD, ledger=kept)
+    assert [p.error for p in resumed.points] == [p.error for p in whole.points]
+    assert resumed.reference.spp == whole.reference.spp
+    kept.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_ledger_that_cannot_be_read_is_empty(tmp_path: Path) -> None:
+    (tmp_path / ".convergence-parts.json").write_text("{")
+    assert Ledger.kept_in(tmp_path).reference is None
+
+
+@pytest.mark.parametrize("output", [(), ("--output", "out")])
+def test_ctrl_c_shows_what_there_is_and_the_same_command_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.xml").write_text(SCENE_FILE)
+    arguments = ["converge", "scene.xml", "--integrator", "direct", "--sampler", "independent"]
+    arguments += ["--tolerance", "relative=0.05", "--json", *output]
+    with monkeypatch.context() as patch:
+        interrupted_after(2, patch)
+        stopped = CliRunner().invoke(app, arguments)
+    assert stopped.exit_code == 130, stopped.output
+    shown = json.loads(stopped.stdout)
+    assert shown["interrupted"] and len(shown["rows"]) == 2
+    assert not (tmp_path / "out").exists()
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    data = json.loads(done.stdout)
+    assert (data["rows"][:2] == shown["rows"]) is bool(output), "seconds tell whether it went on"
+    if output:
+        assert not list((tmp_path / "out").glob(".convergence*"))
+        assert not list(tmp_path.glob(".out*"))

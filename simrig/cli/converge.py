@@ -42,34 +42,60 @@ def converge(
     """Render at growing samples per pixel, by several integrators and samplers.
 
     Prints error over seconds against a reference whose own standard error is stated, how fast the
-    noise falls, and the cheapest setting that meets the tolerance.
+    noise falls, and the cheapest setting that meets the tolerance. Ctrl-C shows what there is so
+    far; with --output the same command goes on from there.
     """
     from contextlib import ExitStack
 
     from simrig import backend
     from simrig.effects import parse_tolerance
     from simrig.evaluation import convergence
+    from simrig.evaluation.convergence_ledger import Ledger
     from simrig.evaluation.convergence_report import convergence_tables
 
     allowed = parse_tolerance(tolerance)
-    with ExitStack() as held:
-        about = {"scene": scene, "material": material, "tolerance": tolerance, "seed": seed}
-        folder = held.enter_context(output_folder(output, force, about)) if output else None
-        about["variant"] = backend.select(variant)
-        subject, named = named_scene(scene, material, resolution)
-        with frame.progress("converge") as report:
-            result = convergence.converge(
-                subject() if callable(subject) else subject,
-                allowed,
-                integrators=integrator or tuple(convergence.INTEGRATORS),
-                samplers=sampler or convergence.SAMPLERS,
-                budget_seconds=budget_seconds,
-                seed=seed,
-                progress=report,
-            )
-        data = {**about, **named, **result.as_dict()}
-        if folder is not None:
-            _write(folder, result, data)
+    settings: dict[str, Any] = {
+        "integrators": integrator or tuple(convergence.INTEGRATORS),
+        "samplers": sampler or convergence.SAMPLERS,
+        "seed": seed,
+    }
+    about = {"scene": scene, "material": material, "tolerance": tolerance, "seed": seed}
+    ledger = Ledger()
+    try:
+        with ExitStack() as held:
+            chosen = backend.resolve(variant)
+            request = {**about, **settings, "resolution": resolution, "variant": chosen}
+            folder = None
+            if output is not None:
+                folder = held.enter_context(output_folder(output, force, request))
+                ledger = Ledger.kept_in(folder)
+            about["variant"] = backend.select(chosen)
+            subject, named = named_scene(scene, material, resolution)
+            with frame.progress("converge") as report:
+                result = convergence.converge(
+                    subject() if callable(subject) else subject,
+                    allowed,
+                    **settings,
+                    budget_seconds=budget_seconds,
+                    progress=report,
+                    ledger=ledger,
+                )
+            data = {**about, **named, **result.as_dict()}
+            if folder is not None:
+                ledger.close()
+                _write(folder, result, data)
+    except (KeyboardInterrupt, RuntimeError) as error:
+        interrupted = isinstance(error, KeyboardInterrupt) or frame.is_interrupt(error)
+        if not (interrupted and ledger.points):
+            raise
+        result = convergence.result_so_far(ledger, allowed)
+        resume = "" if output is None else "; the same command goes on from there"
+        stopped = f"Interrupted after {len(ledger.points)} settings{resume}"
+        return frame.Report(
+            data={**about, **result.as_dict(), "interrupted": True},
+            shown=[*convergence_tables(result, every), stopped],
+            exit_code=frame.INTERRUPTED,
+        )
     return frame.Report(data=data, shown=convergence_tables(result, every))
 
 
