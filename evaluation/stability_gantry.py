@@ -4,7 +4,8 @@ Two laws hold for methods B and BD whatever was measured: a material that is bri
 two gives the same result times that, digit by digit, and a material turned by half a turn gives
 the same result turned. So values of any size are compared with those near 1, and values across the
 seam at 0/360° with those away from it. The Lafortune fit is compared with the model that made the
-values, and transport with the total mass that it must keep.
+values, and transport with the total mass that it must keep. Method A is held to what holds for
+every radial basis function: the subspaces' own values at their nodes, and their range elsewhere.
 """
 
 from __future__ import annotations
@@ -14,12 +15,16 @@ from itertools import pairwise
 
 import numpy as np
 
+from simrig.cost import Cost
 from simrig.evaluation.stability_methods import method_row, signals
 from simrig.evaluation.stability_rows import StabilityRow
+from simrig.evaluation.stability_uniform import rbf_row
+from simrig.reconstruction.gantry import SubspaceNodes
 from simrig.reconstruction.gantry_elevations import Blend, fill_elevations, linear
 from simrig.reconstruction.gantry_subspace import subspaces
 from simrig.reconstruction.transport import displacement, transport_rows
 from simrig.reflectance.lafortune import fit_lafortune
+from simrig.rigs.directions_measurement import DirectionsMeasurement
 from simrig.sampling.gantry import GantryPlan
 
 _AZIMUTHS = 8
@@ -39,7 +44,19 @@ def gantry_rows() -> list[StabilityRow]:
     for name, plan, blend in _CASES:
         for case, signal in signals().items():
             rows += [_scaled(name, case, plan, blend, signal), _turned(name, case, plan, signal)]
-    return [*rows, *_fit_rows(), *_transport_rows()]
+    return [*rows, *_spline_rows(), *_fit_rows(), *_transport_rows()]
+
+
+def _spline_rows() -> list[StabilityRow]:
+    """Return the rows of method A: splines through the subspaces of hard slices."""
+    plan, rows = GantryPlan(), []
+    for case, signal in signals().items():
+        values = np.repeat(signal(plan.angles())[:, None], 3, axis=1)
+        nodes = SubspaceNodes.of(plan.elevations, subspaces(plan, values, _AZIMUTHS), case)
+        angles = np.stack([nodes.theta_i, nodes.theta_v, nodes.phi_i, nodes.phi_v], axis=1)
+        samples = DirectionsMeasurement(angles, nodes.values, case, Cost())
+        rows.append(rbf_row(case, "gantry, A", samples, None, True, reciprocal=False))
+    return rows
 
 
 def _rebuilt(plan: GantryPlan, values: np.ndarray, blend: Blend) -> np.ndarray:

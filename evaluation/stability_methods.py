@@ -56,6 +56,11 @@ def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
         partial(uniform_rows, cases, backend_name),
         gantry_rows,
         partial(reconstruction_rows, "cubic", cases, backend_name, reconstruct_along_highlights),
+        *(
+            partial(reconstruction_rows, "cubic", cases, backend_name, rebuild, slice_types, extra)
+            for rebuild in (reconstruct, reconstruct_along_highlights)
+            for slice_types, extra in (("axial_diagonal", 400), ("all", 0))
+        ),
         partial(highlight_rows, signals(), backend_name),
     ]
 
@@ -158,11 +163,11 @@ def signals() -> Mapping[str, Callable[[np.ndarray], np.ndarray]]:
     }
 
 
-def _measured(signal: Callable[[np.ndarray], np.ndarray], samples: int):
+def _measured(signal: Callable[[np.ndarray], np.ndarray], samples: int, slice_types: str = "all"):
     def measure(angles: np.ndarray, _: np.ndarray) -> np.ndarray:
         return np.repeat(signal(angles)[:, None], 3, axis=1)
 
-    return sample_adaptively(measure, _PLACEMENT, samples)[0]
+    return sample_adaptively(measure, _PLACEMENT, samples, slice_types=slice_types)[0]
 
 
 def adaptive_rows() -> list[StabilityRow]:
@@ -196,9 +201,9 @@ def _misplaced(found, samples: int) -> int:
 class _Measured:
     """Samples as a reconstruction wants them, with values of our own."""
 
-    def __init__(self, samples, material: str):
+    def __init__(self, samples, material: str, slice_types: str):
         self.samples, self.material = samples, material
-        self.placement, self.slice_types = _PLACEMENT, "all"
+        self.placement, self.slice_types = _PLACEMENT, slice_types
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,14 +220,27 @@ def reconstruction_rows(
     cases: list[HardCase],
     backend_name: str,
     rebuild: Callable[..., SliceReflectance] = reconstruct,
+    slice_types: str = "all",
+    extra: int = 400,
 ) -> list[StabilityRow]:
-    """Return the rows of reflectances reconstructed from hard signals, over all directions."""
+    """Return the rows of reflectances reconstructed from hard signals, over all directions.
+
+    Args:
+        interpolation: along the slices.
+        cases: hard cases of directions.
+        backend_name: ``"llvm"`` or ``"cuda"``.
+        rebuild: from a measurement along slices to a reflectance.
+        slice_types: which slices are measured.
+        extra: samples beyond those where slices cross; with 0 many slices have one sample.
+    """
     wi, wv = (np.concatenate([getattr(case, key) for case in cases]) for key in ("wi", "wv"))
+    plan = "" if slice_types == "all" else ", axial and diagonal"
+    plan += "" if extra else ", intersections only"
     rows = []
     for name, signal in signals().items():
-        samples = _measured(signal, _PLACEMENT.intersections + 400)
-        reflectance = rebuild(_Measured(samples, name), interpolation)
-        reflectance.name = f"{rebuild.__name__.replace('_', ' ')}, {interpolation}"
+        samples = _measured(signal, _PLACEMENT.intersections + extra, slice_types)
+        reflectance = rebuild(_Measured(samples, name, slice_types), interpolation)
+        reflectance.name = f"{rebuild.__name__.replace('_', ' ')}, {interpolation}{plan}"
         case = HardCase(name, "all directions of the list", wi, wv)
         precisions = ("numpy-float64", "drjit-float32")
         rows += direction_rows(

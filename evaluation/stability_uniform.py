@@ -71,25 +71,76 @@ def uniform_rows(cases: list[HardCase], backend_name: str) -> list[StabilityRow]
             case = HardCase(name, "all directions of the list", wi, wv)
             subject = _TableSubject(made.reflectance)
             rows += direction_rows(subject, [case], _PRECISIONS, backend_name)
+        rows += list_rows(method, plan)
+    return rows
+
+
+def list_rows(method: str, plan: HemisphereScheme) -> list[StabilityRow]:
+    """Return the rows of hard lists of samples, beside the table of an easy list.
+
+    Duplicates must give the table of their means, azimuths of other turns the same table; one
+    sample is too few and refused.
+    """
+    easy = _measured(plan, "samples", lambda a: 1.0 + np.cos(a[:, 2] - a[:, 3]) * np.cos(a[:, 0]))
+    rng = np.random.default_rng(4)
+    change = easy.values * rng.uniform(0.0, 0.5, easy.values.shape)
+    both = np.concatenate([easy.values + change, easy.values - change])
+    wrapped, beside = easy.angles.copy(), easy.angles.copy()
+    wrapped[:, 2:] += 2.0 * np.pi * rng.integers(-1, 2, (len(wrapped), 2))
+    beside[:, 2:] += 1e-9 * rng.choice([-1.0, 1.0], (len(wrapped), 2))  # also below azimuth 0
+    lists = {
+        "duplicates": (np.tile(easy.angles, (2, 1)), np.tile(easy.values, (2, 1))),
+        "duplicates with other values": (np.tile(easy.angles, (2, 1)), both),
+        "azimuths of other turns": (wrapped, easy.values),
+        "on both sides of azimuth 0": (beside, easy.values),
+        "one sample": (easy.angles[-1:], easy.values[-1:]),
+    }
+    name, rows = f"reconstruct, {method}", []
+    reference = reconstruct_by_name(method, easy).reflectance.data()["values"]
+    for case, (angles, values) in lists.items():
+        try:
+            made = reconstruct_by_name(method, DirectionsMeasurement(angles, values, case, Cost()))
+        except SimrigError as error:
+            rows.append(refused_row(case, name, error))
+            continue
+        found = made.reflectance.data()["values"]
+        rows.append(method_row(case, name, found, reference, float(reference.max()), single=True))
     return rows
 
 
 def rbf_rows() -> list[StabilityRow]:
     """Return the rows of global and local radial basis functions through hard samples."""
     return [
-        _rbf_row(case, measurement, neighbours, logarithms)
+        rbf_row(case, _rbf_name(neighbours, logarithms), measurement, neighbours, logarithms)
         for case, measurement in hard_samples()
         for neighbours in (None, 20)
         for logarithms in (False, True)
     ]
 
 
-def _rbf_row(
-    case: str, measurement: DirectionsMeasurement, neighbours: int | None, logarithms: bool
+def _rbf_name(neighbours: int | None, logarithms: bool) -> str:
+    return f"RBF, {'global' if neighbours is None else 'local'}{', log' if logarithms else ''}"
+
+
+def rbf_row(
+    case: str,
+    name: str,
+    measurement: DirectionsMeasurement,
+    neighbours: int | None,
+    logarithms: bool,
+    reciprocal: bool = True,
 ) -> StabilityRow:
-    name = f"RBF, {'global' if neighbours is None else 'local'}{', log' if logarithms else ''}"
+    """Return the row of radial basis functions: the samples' own values, and their range elsewhere.
+
+    Args:
+        case, name: of the row.
+        measurement: the samples.
+        neighbours, logarithms, reciprocal: see ``simrig.reconstruction.rbf.reconstruct_rbf``.
+    """
     try:
-        result = reconstruct_rbf(measurement, neighbours, logarithms=logarithms)
+        result = reconstruct_rbf(
+            measurement, neighbours, logarithms=logarithms, reciprocal=reciprocal
+        )
     except SimrigError as error:
         return refused_row(case, name, error)
     found = _at(result.reflectance, measurement.angles)
@@ -105,7 +156,7 @@ def _rbf_row(
     slope = float(np.abs(moved).max()) / scale if "merged" in str(result.notes) else 0.0
     smoothed = max((fit.residual for fit in result.fits if fit.smoothed), default=0.0)
     # of the system of all samples: those of local splines are parts of it
-    condition = reconstruct_rbf(measurement).condition or 1.0
+    condition = reconstruct_rbf(measurement, reciprocal=reciprocal).condition or 1.0
     return method_row(
         case,
         name,

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from simrig.directions.schemes import uniform_scheme
 from simrig.errors import SimrigError
 from simrig.evaluation import (
     stability_gantry,
+    stability_methods,
     stability_plugins,
     stability_splines,
     stability_uniform,
@@ -20,6 +22,8 @@ from simrig.evaluation import (
 from simrig.evaluation.hard_cases import HardCase, hard_case, hard_cases
 from simrig.evaluation.stability import stability_suite, stability_table
 from simrig.evaluation.stability_fuzz import FUZZ_PAIRS, fuzz_cases, unit
+from simrig.evaluation.stability_gantry import gantry_rows
+from simrig.evaluation.stability_highlights import highlight_rows
 from simrig.evaluation.stability_methods import (
     adaptive_rows,
     along_slice_rows,
@@ -35,10 +39,12 @@ from simrig.evaluation.stability_subjects import small_slices
 from simrig.evaluation.stability_uniform import hard_samples, rbf_rows, uniform_rows
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.along_slices import INTERPOLATIONS, SliceInterpolator
+from simrig.reconstruction.by_name import reconstruct_by_name
 from simrig.reflectance import Kurt, KurtLobe, Ward
 from simrig.reflectance.thin_plate import ThinPlateSpline
 from simrig.sampling.adaptive import Knots
 from simrig.sampling.slices import OPEN
+from simrig.sampling.uniform import UniformPlan
 
 
 @pytest.mark.slow
@@ -50,6 +56,9 @@ def test_the_whole_suite_is_clean_and_complete(variant_llvm):
     objects = {row.object for row in rows}
     assert {f"along slices, {kind}" for kind in INTERPOLATIONS} < objects
     assert {f"reconstruct, {kind}" for kind in INTERPOLATIONS} < objects
+    for method in ("reconstruct", "reconstruct along highlights"):
+        for plan in ("axial and diagonal", "intersections only"):
+            assert f"{method}, cubic, {plan}" in objects
     assert {"adaptive sampling", "scattered, thin-plate spline"} < objects
     for name in ("simrig_kurt", "simrig_ward", "simrig_slices", "simrig_table"):
         assert {f"plugin {name}: {part}" for part in ("value", "pdf", "weight")} < objects
@@ -148,11 +157,48 @@ def test_every_method_has_a_job():
     for rows in (along_slice_rows, reconstruction_rows):
         assert jobs.count(rows) >= len(INTERPOLATIONS)
     assert {adaptive_rows, scattered_rows, barycentric_rows, rbf_rows, uniform_rows} <= set(jobs)
+    assert {highlight_rows, gantry_rows} <= set(jobs)
+
+
+def test_axial_and_diagonal_slices_of_a_spike_are_clean(monkeypatch):
+    spike = {"spike": signals()["spike"]}
+    monkeypatch.setattr(stability_methods, "signals", lambda: spike)
+    cases = [hard_case("pole-one", 16), hard_case("azimuth-wrap", 16)]
+    rows = reconstruction_rows("cubic", cases, "llvm", slice_types="axial_diagonal")
+    assert len(rows) == 2 and all(row.explained for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("method", "plan"),
+    [("barycentric", uniform_scheme(3)), ("regular_grid", UniformPlan(4, 9, 1.4).scheme())],
+)
+def test_hard_lists_of_samples_give_the_table_of_the_easy_one(method, plan):
+    rows = {row.case: row for row in stability_uniform.list_rows(method, plan)}
+    assert all(row.explained for row in rows.values()), rows
+    assert rows["one sample"].explanation.startswith("refused: ")
+    assert not any(
+        "refused" in row.explanation for row in rows.values() if row.case != "one sample"
+    )
+    assert len(rows) == 5
+
+
+def test_a_method_that_drops_duplicates_is_flagged(monkeypatch):
+    def first_only(method, measurement):
+        _, kept = np.unique(measurement.angles.round(6), axis=0, return_index=True)
+        return reconstruct_by_name(
+            method,
+            replace(measurement, angles=measurement.angles[kept], values=measurement.values[kept]),
+        )
+
+    monkeypatch.setattr(stability_uniform, "reconstruct_by_name", first_only)
+    rows = stability_uniform.list_rows("barycentric", uniform_scheme(1))
+    assert [row.case for row in rows if not row.explained] == ["duplicates with other values"]
 
 
 @pytest.mark.slow
 def test_methods_for_listed_directions_are_clean():
     rows = [*rbf_rows(), *uniform_rows(hard_cases(32), "llvm")]
+    assert any("nearly singular" in row.explanation for row in rows)  # the fall-back says so
     assert len({row.object for row in rows}) == 6  # four of RBF, two tables
     assert [row for row in rows if not row.explained] == []
 
@@ -290,7 +336,9 @@ def test_gantry_rows_are_clean_and_planted_flaws_are_found(monkeypatch):
     flagged = [row for row in rows if not row.explained or row.non_finite or row.negative]
     assert not flagged, stability_markdown(flagged, every_case=True)
     objects = {row.object for row in rows}
-    assert {"gantry, B", "gantry, BD", "Lafortune fit", "optimal transport"} < objects
+    assert {"gantry, A", "gantry, B", "gantry, BD"} < objects
+    assert {"Lafortune fit", "optimal transport"} < objects
+    assert all(row.condition for row in rows if row.object == "gantry, A")
     small = stability_gantry.linear
     monkeypatch.setattr(
         stability_gantry, "linear", lambda ends, w, axis: small(ends, w, axis) + 1e-6
