@@ -282,7 +282,7 @@ def test_run_writes_a_folder_with_a_report() -> None:
 def test_studies_and_benchmarks_are_listed() -> None:
     assert "table-5-3" in [study["name"] for study in done("study", "list")["studies"]]
     names = [benchmark["name"] for benchmark in done("bench")["benchmarks"]]
-    assert {"plugins", "reconstruct", "sampling"} <= set(names)
+    assert {"plugins", "sampling", "whole-array"} <= set(names)
 
 
 def test_a_study_runs_goes_on_and_reports(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,6 +308,10 @@ def test_a_study_runs_goes_on_and_reports(monkeypatch: pytest.MonkeyPatch) -> No
     page = f"{folder}/report.html"
     assert shown == f"published 0.2, ours 0.1\nnowhere\n{folder}: open {page}\n"
     assert "published 0.2, ours 0.1" in Path(page).read_text()
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    for engine in (("--workers", "2"), ("--scheduler", "tcp://127.0.0.1:9")):
+        without_dask = refusal("study", "run", "table-0", "--full", "--output", "no", *engine)
+        assert "pip install 'simrig[studies]'" in without_dask
     other = refusal("study", "run", "table-0", "--full", "--output", folder)
     assert "configuration count = 2, asked for is 3" in other
     assert "holds results of the study 'table-0'" in refusal(

@@ -8,7 +8,8 @@ from simrig.evaluation.studies.improved import STUDY, table
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    config = {**STUDY.presets["quick"], "materials": ["yellow_satin"]}
+    own = {"materials": ["yellow_satin"], "pixels": 36, "directions": 8_000}
+    config = {**STUDY.presets["quick"], **own}
     return run_study(STUDY, config, tmp_path_factory.mktemp("improved"))
 
 

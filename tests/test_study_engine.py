@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from simrig.errors import SimrigError
+from simrig.evaluation.studies import distributed
 from simrig.evaluation.studies.base import Study
 from simrig.evaluation.studies.engine import load_results, run_study
 from simrig.evaluation.studies.storage import CONFIGURATION, cell_key, plain, write_table
@@ -171,8 +172,9 @@ def test_without_dask_several_workers_are_refused_by_name(
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", ""])
 def test_a_scheduler_that_cannot_be_reached_is_named_soon(
-    squares: Study, tmp_path: Path, address: str
+    squares: Study, tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(distributed, "_CONNECT_SECONDS", 1)
     with pytest.raises(SimrigError, match=f"cannot reach a Dask scheduler at '{address}'"):
         run_study(squares, {"count": 3}, tmp_path, scheduler=address)
 

@@ -64,9 +64,14 @@ def test_values_are_held_beyond_the_last_ring(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(interpolate(mesh, values, w), values[ring], atol=1e-7)
 
 
-@given(st.floats(0.0, np.pi / 2), st.floats(0.0, 2.0 * np.pi))
-def test_every_type_agrees(theta: float, phi: float) -> None:
-    mesh = HemisphereTriangulation(scheme("hemisphere_81").vectors())
+@pytest.fixture(scope="module")
+def mesh_81() -> HemisphereTriangulation:
+    return HemisphereTriangulation(scheme("hemisphere_81").vectors())
+
+
+@given(theta=st.floats(0.0, np.pi / 2), phi=st.floats(0.0, 2.0 * np.pi))
+def test_every_type_agrees(mesh_81: HemisphereTriangulation, theta: float, phi: float) -> None:
+    mesh = mesh_81
     w = to_vector(np.array([theta]), np.array([phi]))
     values = np.arange(81.0)
     expected = interpolate(mesh, values, w)[0]
