@@ -168,7 +168,8 @@ def mesh(
         has_vertex_texcoords=uv is not None,
     )
     if face_colours is not None:
-        made.add_attribute(colour_name, 3, face_colours.ravel())
+        values: Any = face_colours.ravel()  # the stub knows no arrays
+        made.add_attribute(colour_name, 3, values)
     data = mi.traverse(made)
     data["vertex_positions"] = _flat(vertices, np.float32)
     data["faces"] = _flat(faces, np.uint32)
