@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from simrig.evaluation.studies import (
+    btf_against_structure,
+    btf_slices,
     critical_distance,
     gantry_elevations,
     gantry_methods,
@@ -33,5 +35,7 @@ STUDIES: dict[str, Study] = {
         plan_validation.STUDY,
         room_switch.STUDY,
         pareto.STUDY,
+        btf_against_structure.STUDY,
+        btf_slices.STUDY,
     )
 }

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
 _Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
+_GANTRY = "gantry"
 _BY_COUNT = {"81x81": "hemisphere_81", "151x151": "hemisphere_151"}
 
 
@@ -43,7 +44,10 @@ def measure(
     output: Annotated[Path, typer.Option(help="The BTF (.h5).")],
     directions: Annotated[
         str,
-        typer.Option(help="81x81, 151x151, the number of a uniform scheme (1 to 30), or a name."),
+        typer.Option(
+            help="81x81, 151x151, the number of a uniform scheme (1 to 30), a name, or gantry "
+            "(168 pairs)."
+        ),
     ] = "81x81",
     pairs: Annotated[
         Path | None,
@@ -82,9 +86,13 @@ def measure(
         stack_bytes,
     )
     from simrig.rigs.btf_orders import plan_orders
+    from simrig.sampling.gantry import GantryPlan
 
-    angles = btf_angles(_scheme(directions)) if pairs is None else by_view(_listed(pairs))
-    angles = checked_plan(angles)
+    if directions == _GANTRY and pairs is None:
+        listed = GantryPlan().angles()
+    else:
+        listed = btf_angles(_scheme(directions)) if pairs is None else _listed(pairs)
+    angles = checked_plan(by_view(listed))
     allowed = parse_tolerance(tolerance or DEFAULT_TOLERANCE)
     fixed = None if orders == "auto" else checked_orders(_number(orders))
     if fixed is not None and tolerance:
@@ -265,7 +273,7 @@ def _scheme(text: str) -> HemisphereScheme:
     if name.isdecimal():
         return uniform_scheme(int(name))
     if name not in SCHEMES:
-        raise unknown_name("directions", text, (*_BY_COUNT, *SCHEMES))
+        raise unknown_name("directions", text, (_GANTRY, *_BY_COUNT, *SCHEMES))
     return scheme(name)
 
 
