@@ -32,7 +32,7 @@ def pareto(
     ] = None,
     metric: Annotated[str, typer.Option(help="mre (%), dE or psnr (dB).")] = "mre",
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes; more than one need simrig[studies].")
+        int, typer.Option(min=1, help="Processes; more than one need simrig\\[studies].")
     ] = 1,
     output: Annotated[
         Path | None, typer.Option(help="The folder of the results; output/pareto/... else.")

@@ -49,7 +49,7 @@ def run_study(
     name: _StudyName,
     full: _Full = False,
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes; more than one need simrig[studies].")
+        int, typer.Option(min=1, help="Processes; more than one need simrig\\[studies].")
     ] = 1,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a Dask scheduler.")
