@@ -79,11 +79,11 @@ def vector_type(float_type: type) -> type:
         import drjit.scalar
 
         return drjit.scalar.Array3f64
-    return _array_type(float_type, 3)
+    return array_type(float_type, 3)
 
 
-def _array_type(float_type: type, size: int) -> type:
-    """Return the array of ``size`` numbers of a Dr.Jit float type."""
+def array_type(float_type: type, size: int) -> type:
+    """Return the array of ``size`` numbers of a Dr.Jit float type, up to four."""
     import importlib
 
     module = importlib.import_module(float_type.__module__)
@@ -152,7 +152,7 @@ def gather_packet(source: Array, index: Array, active: Array = True) -> Array:
 
         values = source.reshape(-1) if is_numpy(source) else source
         return drjit.scalar.Array4f64(*(float(values[4 * index + k]) for k in range(4)))
-    return dr.gather(_array_type(type(source), 4), source, index, active)
+    return dr.gather(array_type(type(source), 4), source, index, active)
 
 
 def packet_dot(a: Array, b: Array) -> Array:

@@ -49,6 +49,7 @@ class FactoredBtf(SpatialReflectance):
     """
 
     kind = "btf_factored"
+    texel_numbers = _PACKET  # coefficients, which are averaged before they meet the basis
 
     def __init__(
         self,
@@ -183,10 +184,11 @@ class FactoredBtf(SpatialReflectance):
         return [*context, layer]
 
     def texel(self, context: Any, texel: Texel, data: Mapping[str, Array], active: Array) -> Array:
-        *basis, layer = context
-        index = (texel.start + texel.index) * self.layers + layer
-        coefficient = gather_packet(data["coefficients"], index, active)
-        return vector(*(packet_dot(coefficient, packet) for packet in basis))
+        index = (texel.start + texel.index) * self.layers + context[-1]
+        return gather_packet(data["coefficients"], index, active)
+
+    def finish(self, context: Any, average: Array) -> Array:
+        return vector(*(packet_dot(average, packet) for packet in context[:-1]))
 
 
 @dataclass(frozen=True)

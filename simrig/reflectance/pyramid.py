@@ -18,13 +18,13 @@ import numpy as np
 
 from simrig.arrays import (
     Array,
+    array_type,
     gather,
     is_numpy,
     namespace,
     scale,
     to_device,
     to_index,
-    vector_type,
 )
 from simrig.errors import SimrigError
 
@@ -112,13 +112,15 @@ class Pyramid:
         footprint: Footprint,
         tables: Mapping[str, Array],
         look_up: Callable[[Texel], Array],
+        numbers: int = 3,
     ) -> Array:
-        """Return the average colour over footprints.
+        """Return the average over footprints.
 
         Args:
             footprint: what is seen.
             tables: what ``tables`` returned.
-            look_up: returns the colour of texels.
+            look_up: returns the numbers of texels that are averaged: a colour, or
+            numbers: that many, three or four.
         """
         if footprint.width is None:
             return self._probe(footprint.x, footprint.y, None, tables, look_up)
@@ -138,7 +140,7 @@ class Pyramid:
             return self._probe(x, y, level, tables, look_up)
 
         if dr.is_jit_v(count):
-            return _sum_jit(probe, count) / count
+            return _sum_jit(probe, count, numbers) / count
         total = probe(0.0 * count)
         for number in range(1, self.probes):
             # a probe beyond the count repeats the first, with no weight
@@ -205,12 +207,12 @@ def _overlap(length: int, count: int) -> np.ndarray:
     return np.maximum(upper - lower, 0.0) * (count / length)
 
 
-def _sum_jit(probe: Callable[[Array], Array], count: Any) -> Any:
+def _sum_jit(probe: Callable[[Array], Array], count: Any, numbers: int) -> Any:
     def body(number: Any, total: Any) -> tuple[Any, Any]:
         return number + 1.0, total + probe(number)
 
     return dr.while_loop(
-        state=(dr.zeros(type(count)), dr.zeros(vector_type(type(count)))),
+        state=(dr.zeros(type(count)), dr.zeros(array_type(type(count), numbers))),
         cond=lambda number, total: number < count,
         body=body,
         labels=("number", "total"),

@@ -34,6 +34,7 @@ class SpatialReflectance(Reflectance):
     reciprocal = False
     grid: PairGrid
     pyramid: Pyramid
+    texel_numbers = 3  # that ``texel`` returns, three or four
 
     @property
     def size_mm(self) -> tuple[float, float]:
@@ -63,7 +64,11 @@ class SpatialReflectance(Reflectance):
 
     @abstractmethod
     def texel(self, context: Any, texel: Texel, data: Mapping[str, Array], active: Array) -> Array:
-        """Return the part's f_r of texels for what ``angular`` returned."""
+        """Return what is averaged over texels: the part's f_r, or what ``finish`` takes."""
+
+    def finish(self, context: Any, average: Array) -> Array:
+        """Return the part's f_r from averaged texels and what ``angular`` returned."""
+        return average
 
     def eval_at(
         self,
@@ -83,7 +88,8 @@ class SpatialReflectance(Reflectance):
 
         def part(context: Any, active: Array) -> Array:
             look_up = lambda texel: self.texel(context, texel, data, active)  # noqa: E731
-            return self.pyramid.average(footprint, data, look_up)
+            average = self.pyramid.average(footprint, data, look_up, self.texel_numbers)
+            return self.finish(context, average)
 
         return self._sum(wi, wv, data, part)
 
@@ -91,9 +97,11 @@ class SpatialReflectance(Reflectance):
         data = self._data_for(wi, data)
         index = index_of(wi)
         texel = Texel(index(int(self.pyramid.starts[-1])), index(1), index(0), 1.0)
-        return self._sum(
-            wi, wv, data, lambda context, active: self.texel(context, texel, data, active)
-        )
+
+        def part(context: Any, active: Array) -> Array:
+            return self.finish(context, self.texel(context, texel, data, active))
+
+        return self._sum(wi, wv, data, part)
 
     def _sum(
         self,
