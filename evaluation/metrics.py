@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 
+from simrig.colour import LUMINANCE
 from simrig.data.images import as_image, encode_srgb, to_srgb8
 from simrig.errors import SimrigError, unknown_name
 
@@ -228,7 +229,7 @@ def _flip_exposures(reference: np.ndarray) -> dict[str, float]:
     too: a picture that is mostly black is then judged at +20 EV, and an all-black reference
     ends the process.
     """
-    luminance = reference.astype(np.float64) @ (0.2126, 0.7152, 0.0722)
+    luminance = reference.astype(np.float64) @ LUMINANCE
     lit = luminance[luminance > 0.0]
     if lit.size == 0:
         return {"startExposure": 0.0, "stopExposure": 0.0}

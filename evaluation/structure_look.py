@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simrig import perception
+from simrig.colour import LUMINANCE
 from simrig.cost import Cost
 from simrig.data.images import as_image, encode_srgb
 from simrig.errors import SimrigError
@@ -30,7 +31,6 @@ PATCH = 256  # pixels of the piece, 44 mm: the lower half of the cylinder is 59 
 LIGHT_THETA_DEG = 60.0  # the thesis says right and left only
 LIGHTS = ((1.0, 0.0), (0.3, 180.0))  # strength and azimuth in degrees; thesis section B.2
 _FINER = 2  # pixels of a rendered tile along one displayed pixel
-_LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear RGB with sRGB primaries
 
 # name: (textured, plain, pixels per degree) -> value; thesis Table 3.1, features 1 to 7
 FEATURES: Mapping[str, Callable[[np.ndarray, np.ndarray, float], float]] = {
@@ -217,5 +217,5 @@ def _resampled(patch: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def _displayed(name: str, linear: np.ndarray, cost: Cost) -> Stimulus:
-    grey = np.maximum(np.asarray(linear, dtype=np.float64) @ _LUMINANCE, 0.0)
+    grey = np.maximum(np.asarray(linear, dtype=np.float64) @ LUMINANCE, 0.0)
     return Stimulus(name, encode_srgb(grey), float(encode_srgb(grey.mean())), cost=cost)

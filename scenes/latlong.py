@@ -15,8 +15,6 @@ import numpy as np
 
 from simrig.errors import SimrigError
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear RGB with sRGB primaries (Rec. 709)
-
 
 def check_environment(radiance: np.ndarray) -> np.ndarray:
     """Return an environment as float64 (height, width, 3) after checking it.

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from simrig.colour import LUMINANCE
 from simrig.errors import SimrigError
-from simrig.scenes.latlong import LUMINANCE, check_environment, latlong_directions, solid_angles
+from simrig.scenes.latlong import check_environment, latlong_directions, solid_angles
 from simrig.scenes.lights import DirectionalLights
 
 

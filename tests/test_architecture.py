@@ -16,11 +16,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("simrig", "plugins", "scenes", "evaluation")
 
-FOUNDATION = {"errors", "arrays", "cost", "backend", "effects"}
+FOUNDATION = {"errors", "arrays", "colour", "cost", "backend", "effects"}
 STRUCTURES = FOUNDATION | {"mesostructure"}
 KINDS = FOUNDATION | {"directions", "reflectance"}
 METHODS = KINDS | {"data", "sampling", "reconstruction"}
-RIGS = METHODS | STRUCTURES | {"imaging", "plugins", "scenes"}
+RIGS = METHODS | STRUCTURES | {"plugins", "scenes"}
 EVERYTHING = RIGS | {"perception", "rigs", "evaluation", "doctor"}
 
 # room: the rooms that it may import (docs/architecture.md says the same in words)
@@ -28,6 +28,7 @@ MAY_IMPORT = {
     "errors": set(),
     "effects": {"errors"},
     "cost": set(),
+    "colour": set(),
     "arrays": {"errors"},
     "backend": {"errors"},
     "directions": FOUNDATION,
@@ -35,8 +36,7 @@ MAY_IMPORT = {
     "data": KINDS,
     "sampling": KINDS,
     "reconstruction": KINDS | {"sampling"},
-    "imaging": FOUNDATION,
-    "perception": FOUNDATION | {"imaging"},
+    "perception": FOUNDATION,
     "plugins": KINDS,
     "mesostructure": FOUNDATION,
     "scenes": STRUCTURES,

@@ -10,28 +10,17 @@ import itertools
 
 import numpy as np
 
+from simrig.colour import lab_roots
 from simrig.data.images import encode_srgb
 from simrig.effects import Tolerance
 
-# linear sRGB to XYZ over the white point D65 (IEC 61966-2-1), which is (1, 1, 1)
-_TO_XYZ = np.array(
-    [
-        [0.4123908, 0.3575843, 0.1804808],
-        [0.2126390, 0.7151687, 0.0721923],
-        [0.0193308, 0.1191948, 0.9505322],
-    ]
-)
-_TO_XYZ /= _TO_XYZ.sum(axis=1, keepdims=True)
-_EPSILON, _SLOPE = (6.0 / 29.0) ** 3, (29.0 / 6.0) ** 2 / 3.0  # CIE 15: the linear part of L*
 _STEPS = (0.0, 0.5, 1.0)  # of each channel's bound at which the worst colour is searched
 _PEAK = 255.0
 
 
 def to_lab(linear: np.ndarray) -> np.ndarray:
     """Return CIE L*a*b* under D65 of displayed linear sRGB in [0, 1], shape (..., 3)."""
-    xyz = np.clip(linear, 0.0, 1.0) @ _TO_XYZ.T
-    root = np.where(xyz > _EPSILON, np.cbrt(xyz), _SLOPE * xyz + 4.0 / 29.0)
-    x, y, z = np.moveaxis(root, -1, 0)
+    x, y, z = np.moveaxis(lab_roots(np.clip(linear, 0.0, 1.0)), -1, 0)
     return np.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], axis=-1)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simrig.colour import LUMINANCE
 from simrig.data.tensor_file import write_tensors
 from simrig.directions.spherical import to_vector
 from simrig.errors import SimrigError
@@ -15,7 +16,6 @@ from simrig.reflectance.resample import is_isotropic
 from simrig.reflectance.rgl import azimuth_to_unit, elevation_to_unit
 from simrig.reflectance.warp2d import distribution, interpolate, sample, single
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _LAST_ELEVATION = np.radians(88.0)  # of the nodes; further out the last tables are held
 _BENDING = 0.65  # exponent that places the elevations as the database does, denser at grazing
 _POWER_ITERATIONS = 4  # as in Dupuy and Jakob 2018; more change nothing visible
@@ -81,7 +81,7 @@ def write_rgl(
     ndf, sigma = _normals(reflectance, rows, resolution.warp)
     vndf = np.stack([[_visible_normals(ndf, t, p, len(phi) == 1) for t in theta] for p in phi])
     rgb = _colours(reflectance, theta, phi, ndf, sigma, vndf, resolution.colour)
-    luminance = np.einsum("ptcyx,c->ptyx", rgb, _LUMINANCE)
+    luminance = np.einsum("ptcyx,c->ptyx", rgb, LUMINANCE)
     floor = _LUMINANCE_FLOOR * luminance.mean(axis=(2, 3), keepdims=True)
     single_precision = {
         "phi_i": phi,
@@ -137,7 +137,7 @@ def _normals(reflectance: Reflectance, rows: int, columns: int) -> tuple[np.ndar
     theta, phi = _unit_grid(rows, columns)
     # directions at and below the horizon have no retro-reflection: D falls to the floor there
     directions = to_vector(np.minimum(theta, _LAST_ELEVATION), phi)
-    retro = evaluate(reflectance, directions, directions) @ _LUMINANCE * np.cos(theta)
+    retro = evaluate(reflectance, directions, directions) @ LUMINANCE * np.cos(theta)
     fine = _quadrature(max(rows, 32), columns)
     index_y = np.linspace(0.0, rows - 1.0, fine[1].shape[0])
     ndf = np.ones((rows, columns))

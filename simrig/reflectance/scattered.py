@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import map_coordinates
 
+from simrig.colour import TO_XYZ
 from simrig.directions.half_difference import to_half_difference
 from simrig.directions.spherical import to_angles, to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
@@ -27,7 +28,6 @@ _NODES = (36, 26, 26)
 TABLE_SHAPE = (90, 45, 180)
 # linear sRGB to CIE XYZ (IEC 61966-2-1): non-negative, so that colours outside the gamut, which
 # have negative channels in RGB, have logarithms too
-_TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class IsotropicInterpolator:
     def __init__(self, samples: ScatteredSamples):
         elevation = np.maximum(samples.theta_i, samples.theta_v)
         self.theta_max = float(elevation.max())
-        xyz = np.maximum(samples.values @ _TO_XYZ.T, 0.0)
+        xyz = np.maximum(samples.values @ TO_XYZ.T, 0.0)
         self._floor = _FLOOR * np.median(xyz, axis=0) + np.finfo(float).tiny
         logarithms = np.log(xyz + self._floor)
         self._range = logarithms.min(axis=0), logarithms.max(axis=0)
@@ -161,7 +161,7 @@ class IsotropicInterpolator:
 
     def _colours(self, logarithms: np.ndarray) -> np.ndarray:
         xyz = np.exp(self.limited(logarithms)) - self._floor
-        return np.maximum(np.maximum(xyz, 0.0) @ np.linalg.inv(_TO_XYZ).T, 0.0)
+        return np.maximum(np.maximum(xyz, 0.0) @ np.linalg.inv(TO_XYZ).T, 0.0)
 
     def tabulate(self, shape: tuple[int, int, int]) -> np.ndarray:
         """Return the values in the bins of an isotropic table that is not reciprocal.

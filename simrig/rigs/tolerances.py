@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from simrig.colour import lab_roots
+from simrig.data.images import encode_srgb
 from simrig.effects import Tolerance
-
-# linear sRGB to XYZ over that of white (IEC 61966-2-1, D65)
-_TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-_TO_XYZ = _TO_XYZ / _TO_XYZ.sum(axis=1, keepdims=True)
-_LINEAR_LAB = (6.0 / 29.0) ** 3
 
 
 def largest_change(
@@ -37,9 +34,9 @@ def largest_change(
         np.clip(v * cosine, 0.0, 1.0) for v in (values - deviation, values, values + deviation)
     )
     if tolerance.metric == "psnr":
-        a, b, c = (255.0 * _encoded(v) for v in (low, middle, high))
+        a, b, c = (255.0 * encode_srgb(v) for v in (low, middle, high))
         return float(np.sqrt(np.mean(np.maximum(b - a, c - b) ** 2)))
-    f_low, f, f_high = (_lab_curve(v @ _TO_XYZ.T) for v in (low, middle, high))
+    f_low, f, f_high = (lab_roots(v) for v in (low, middle, high))
     step = np.maximum(f - f_low, f_high - f)  # of each of X, Y, Z, whichever way they go
     lightness = 116.0 * step[:, 1]
     a, b = 500.0 * (step[:, 0] + step[:, 1]), 200.0 * (step[:, 1] + step[:, 2])
@@ -55,23 +52,11 @@ def measured_change(
     cosine = np.pi * np.cos(theta_i)[:, None]
     one, other = (np.clip(v * cosine, 0.0, 1.0) for v in (values, reference))
     if tolerance.metric == "psnr":
-        return float(255.0 * np.sqrt(np.mean((_encoded(one) - _encoded(other)) ** 2)))
-    f = _lab_curve(one @ _TO_XYZ.T) - _lab_curve(other @ _TO_XYZ.T)
+        return float(255.0 * np.sqrt(np.mean((encode_srgb(one) - encode_srgb(other)) ** 2)))
+    f = lab_roots(one) - lab_roots(other)
     a, b = 500.0 * (f[:, 0] - f[:, 1]), 200.0 * (f[:, 1] - f[:, 2])
     return float(np.mean(np.sqrt((116.0 * f[:, 1]) ** 2 + a**2 + b**2)))
 
 
 def _unless_zero(deviation: np.ndarray) -> float:
     return float("inf") if np.any(deviation > 0.0) else 0.0
-
-
-def _encoded(linear: np.ndarray) -> np.ndarray:
-    """Return sRGB-encoded values in [0, 1]."""
-    curve = 1.055 * np.maximum(linear, 0.0031308) ** (1.0 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curve)
-
-
-def _lab_curve(t: np.ndarray) -> np.ndarray:
-    """Return the cube root of CIE L*a*b*, with its straight part."""
-    straight = t / (3.0 * (6.0 / 29.0) ** 2) + 4.0 / 29.0
-    return np.where(t > _LINEAR_LAB, np.cbrt(t), straight)

@@ -1,0 +1,21 @@
+"""Linear RGB with sRGB primaries: its luminance, its XYZ, and the curve of CIE L*a*b*."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# IEC 61966-2-1, white point D65
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+LUMINANCE = TO_XYZ[1]
+_TO_XYZ_OVER_WHITE = TO_XYZ / TO_XYZ.sum(axis=1, keepdims=True)
+_LINEAR, _SLOPE = (6.0 / 29.0) ** 3, (29.0 / 6.0) ** 2 / 3.0  # CIE 15: the straight part of L*
+
+
+def lab_roots(linear: np.ndarray) -> np.ndarray:
+    """Return f(X), f(Y), f(Z) of CIE L*a*b*, from which L*, a* and b* are differences.
+
+    Args:
+        linear: (..., 3) linear RGB in [0, 1]; white is (1, 1, 1).
+    """
+    xyz = linear @ _TO_XYZ_OVER_WHITE.T
+    return np.where(xyz > _LINEAR, np.cbrt(xyz), _SLOPE * xyz + 4.0 / 29.0)
