@@ -1,9 +1,10 @@
 """Section 6.3.5: BTFs rebuilt from the 168 images of a gantry, beside all their images.
 
 Each tile is measured twice by the virtual rig: for all pairs of a scheme, and for the 168 pairs of
-the gantry's slices, exactly where they lie (the thesis selects the nearest of 6,561 images). Every
-texel is rebuilt by itself. Errors are those of a rendering, a cylinder under one light, as the
-thesis compares; and the mean over single images of the stack, drawn evenly, the normal first.
+the gantry's slices, exactly where they lie: 60 of them are not among the 6,561, from which the
+thesis selects its own. Every texel is rebuilt by itself. Errors are those of a rendering, a
+cylinder under one light, as the thesis compares; and the mean over single images of the
+stack, drawn evenly, the normal first.
 
 The thesis prints its numbers only inside Figures 6.17 and 6.18, not in the text. What the text
 says is compared: nearly flat fabrics and leathers come out close, corduroy and Lego fail, deep
