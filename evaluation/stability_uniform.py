@@ -29,6 +29,7 @@ from simrig.sampling.uniform import UniformPlan
 
 _SAMPLES, _QUERIES = 40, 200
 _MERGED = 1e-8  # radians between the samples of the closest case, which are merged
+_IN_A_ROW, _BESIDE = 5, 3e-5  # samples and radians between them: nearly singular, not merged
 _LOGARITHMIC = 1e2  # what rounding of logarithms over 18 orders (up to 42) does to values
 _PRECISIONS = ("numpy-float64", "drjit-float32")
 
@@ -204,6 +205,10 @@ def hard_samples() -> Iterator[tuple[str, DirectionsMeasurement]]:
     for distance in (1e-3, 1e-4, _MERGED):
         beside = np.concatenate([angles, angles + distance * rng.uniform(0.5, 1.0, angles.shape)])
         yield f"duplicates {distance:g} rad apart", make(beside, np.tile(value, (2, 1)))
+    steps = np.repeat(np.arange(_IN_A_ROW), _SAMPLES)[:, None] * [_BESIDE, 0.0, 0.0, 0.0]
+    row = np.tile(angles, (_IN_A_ROW, 1)) + steps
+    varied = np.tile(value, (_IN_A_ROW, 1)) * rng.uniform(0.99, 1.01, (len(row), 1))
+    yield "five in a row, hardly apart", make(row, varied)
     normal = angles.copy()
     normal[:, 0] = 0.0
     yield "all with the light along the normal", make(normal, value)

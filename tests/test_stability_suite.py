@@ -198,9 +198,18 @@ def test_a_method_that_drops_duplicates_is_flagged(monkeypatch):
 @pytest.mark.slow
 def test_methods_for_listed_directions_are_clean():
     rows = [*rbf_rows(), *uniform_rows(hard_cases(32), "llvm")]
-    assert any("nearly singular" in row.explanation for row in rows)  # the fall-back says so
     assert len({row.object for row in rows}) == 6  # four of RBF, two tables
     assert [row for row in rows if not row.explained] == []
+
+
+def test_a_nearly_singular_spline_is_smoothed_and_says_so(monkeypatch):
+    cases = [case for case in hard_samples() if case[0] == "five in a row, hardly apart"]
+    monkeypatch.setattr(stability_uniform, "hard_samples", lambda: iter(cases))
+    rows = rbf_rows()
+    assert len(rows) == 4 and all(row.explained for row in rows)
+    for row in rows:
+        if "global" in row.object:
+            assert "nearly singular (condition" in row.explanation and row.condition > 1e9
 
 
 def test_a_planted_flaw_of_a_spline_is_found(monkeypatch):
