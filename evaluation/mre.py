@@ -136,6 +136,7 @@ def mre_estimate(
     *,
     seed: int = 0,
     relative_standard_error: float | None = None,
+    most: int | None = None,
     step_deg: float = 2.0,
     theta_max_deg: float = 80.0,
 ) -> RelativeError:
@@ -153,6 +154,8 @@ def mre_estimate(
         relative_standard_error: if given (0.02 is 2 %), repeat with more samples until the
             standard error is at most this share of the estimate. Once that would take as many
             directions as the grid has, the exact value is returned.
+        most: if given, no attempt takes more directions than this: where the wished standard
+            error would need more, the last estimate is returned with the one that it has.
 
     Raises:
         SimrigError: as ``mre_exact``, or for too few samples.
@@ -181,6 +184,8 @@ def mre_estimate(
         if result.standard_error_percent <= target:
             return replace(result, directions=spent)
         wanted = round(1.3 * counts.sum() * (result.standard_error_percent / target) ** 2)
+        if most is not None and wanted > most:
+            return replace(result, directions=spent)
         if wanted >= grid.directions:
             return mre_exact(truth, approximation, step_deg=step_deg, theta_max_deg=theta_max_deg)
 

@@ -221,6 +221,14 @@ def test_a_precision_beyond_the_grid_gives_the_exact_value():
     assert found == mre_exact(truth, other, step_deg=STEP)
 
 
+def test_no_attempt_takes_more_than_the_most_that_is_allowed():
+    truth, other = kurt_material("fabric112"), rougher("fabric112")
+    wished = dict(step_deg=STEP, relative_standard_error=1e-5, most=2000)
+    found = mre_estimate(truth, other, 500, **wished)
+    assert not found.exact and found.directions < 2000 + 500
+    assert found.standard_error_percent > 1e-5 * found.percent
+
+
 def test_nothing_to_estimate():
     found = mre_estimate(Lambert(), Lambert(), 500, step_deg=STEP, relative_standard_error=0.02)
     assert found.percent == 0.0 and found.standard_error_percent == 0.0
