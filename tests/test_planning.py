@@ -227,6 +227,8 @@ def test_what_cannot_be_judged_is_said_and_kept_on() -> None:
     why = {decision.effect: decision.why for decision in glass.effects}
     assert "cannot be bounded" in why["inter-reflection"]
     assert why["environment"] == "comes with inter-reflection"
+    (why,) = (d.why for d in glass.effects if d.effect == "inter-reflection")
+    assert "cannot be bounded" in why and "lets light through" in why
     fog = {"type": "homogeneous", "albedo": 0.8, "sigma_t": 1.0}
     cloud = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog}
     assert plan_scene(simple(s=cloud, e=POINT), "dE=1").settings["integrator"] == "volpath"
@@ -237,6 +239,8 @@ def test_spectra_are_transported_and_the_variant_comes_back() -> None:
     scene = simple(s={"type": "sphere", "bsdf": gold}, e=POINT)
     plan = plan_scene(scene, "dE=2")
     assert plan.on("spectral")
+    (why,) = (d.why for d in plan.effects if d.effect == "spectral")
+    assert "cannot be bounded" in why and "'roughconductor'" in why
     assert plan.settings["variant"] == "llvm_ad_spectral"
     assert backend.current() == "llvm_ad_rgb"
     assert not plan_scene(scene, "dE=2", without=["spectral"]).on("spectral")
@@ -253,9 +257,12 @@ def test_a_two_sided_sphere_is_convex_from_outside_only() -> None:
 
 def test_area_lights_need_both_samplings() -> None:
     light = {"type": "rectangle", "emitter": {"type": "area", "radiance": 3.0}}
-    plan = plan_scene(simple(s={"type": "sphere", "center": [0, 0, -3]}, light=light), "dE=1")
+    ball = {"type": "sphere", "center": [0, 0, 3], "radius": 0.5}
+    plan = plan_scene(simple(s=ball, light=light), "dE=1")
     assert plan.on("bsdf-sampling")
-    assert plan.on("shadowing")
+    assert bound_of(plan, "shadowing") == 0.0  # nothing else can hide the lamp
+    between = {"type": "sphere", "center": [0, 0.3, 1.5], "radius": 0.5}
+    assert plan_scene(simple(s=ball, light=light, b=between), "dE=1").on("shadowing")
 
 
 def test_overrides_that_contradict_each_other_are_refused() -> None:
@@ -294,3 +301,45 @@ def test_the_unit_of_bounds_is_that_of_the_tolerance() -> None:
     for text in ("dE=1", "psnr=40", "relative=0.1"):
         plan = plan_scene(named("four_spheres", "wood01"), text)
         assert {d.bound.unit for d in plan.effects if d.bound} == {plan.tolerance.unit}
+
+
+# Mitsuba cannot evaluate it in RGB at all
+REGULAR = {
+    "type": "regular",
+    "wavelength_min": 400.0,
+    "wavelength_max": 700.0,
+    "values": "0.1, 0.9",
+}
+
+
+@pytest.mark.parametrize(
+    ("entry", "spectral"),
+    [
+        ({"type": "rgb", "value": [0.2, 0.3, 0.4]}, False),
+        ({"type": "uniform", "value": 0.5}, False),
+        ({"type": "spectrum", "value": 0.5}, False),
+        ({"type": "spectrum", "value": [(400.0, 0.2), (700.0, 0.9)]}, True),
+        (
+            {"type": "regular", "wavelength_min": 400.0, "wavelength_max": 700.0, "values": "1 2"},
+            True,
+        ),
+    ],
+)
+def test_the_variant_follows_from_what_is_spectral(entry: dict, spectral: bool) -> None:
+    """In both directions: RGB data in a spectral variant are rendered in the RGB one."""
+    scene = simple(s={"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": entry}}, e=POINT)
+    for chosen in ("llvm_ad_rgb", "llvm_ad_spectral"):
+        backend.select(chosen)
+        plan = plan_scene(scene, "dE=4", variant=chosen)
+        assert plan.on("spectral") is spectral
+        assert plan.settings["variant"] == f"llvm_ad_{'spectral' if spectral else 'rgb'}"
+        assert (bound_of(plan, "spectral") == 0.0) is not spectral
+        assert planned_render(scene, plan).variant == plan.settings["variant"]
+
+
+def test_spectra_that_rgb_cannot_say_are_refused_without_spectral() -> None:
+    bsdf = {"type": "diffuse", "reflectance": REGULAR}
+    scene = simple(s={"type": "sphere", "bsdf": bsdf}, e=POINT)
+    with pytest.raises(SimrigError, match="cannot be rendered in the variant 'llvm_ad_rgb'"):
+        plan_scene(scene, "dE=4", without=["spectral"])
+    assert backend.current() == "llvm_ad_rgb"

@@ -13,8 +13,10 @@ from simrig.evaluation.planning.costs import (
 )
 from simrig.evaluation.planning.probe import PIXELS
 from simrig.evaluation.planning.shade import RULE_OF_THREE, hidden_bound
+from simrig.evaluation.planning.source import SceneSource
 from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
 
+SPECTRAL = "spectral"
 USUAL_SPP = 16  # for estimates of cost, before the samples per pixel are known
 _UNSHADOWED_SAFETY = 2.0
 
@@ -116,23 +118,25 @@ class EnvironmentLight:
         return _seconds(bsdf_seconds(subject), subject)
 
 
+def spectral_bound(source: SceneSource, unit: str) -> Bound | None:
+    """Return 0 where there is nothing that RGB could not say, None where that is not known."""
+    if source.spectral == ():
+        return Bound(0.0, unit, "all data are RGB: there is no spectrum to transport", absent=True)
+    if not source.rebuilds:
+        return Bound(0.0, unit, "a loaded scene stays in its variant", absent=True)
+    return None
+
+
 @dataclass(frozen=True)
 class SpectralRendering:
     """Wavelengths instead of red, green and blue."""
 
-    name: str = "spectral"
+    name: str = SPECTRAL
     description: str = "wavelengths transported instead of red, green and blue"
 
     def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
         """Return 0 where all data are RGB: spectra made from them hold no more."""
-        source = subject.source
-        if source.spectral == ():
-            why = "all data are RGB: there is no spectrum to transport"
-            return Bound(0.0, tolerance.unit, why, absent=True)
-        if not source.rebuilds:
-            why = "a loaded scene stays in its variant"
-            return Bound(0.0, tolerance.unit, why, absent=True)
-        return None
+        return spectral_bound(subject.source, tolerance.unit)
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds that spectral samples add."""

@@ -20,7 +20,14 @@ from simrig.errors import SimrigError
 from simrig.evaluation import rendering
 from simrig.evaluation.planning.costs import render_seconds, shadow_seconds
 from simrig.evaluation.planning.directional import Environment
-from simrig.evaluation.planning.effects import ANTI_ALIASING, EFFECT_NAMES, SCENE_EFFECTS, USUAL_SPP
+from simrig.evaluation.planning.effects import (
+    ANTI_ALIASING,
+    EFFECT_NAMES,
+    SCENE_EFFECTS,
+    SPECTRAL,
+    USUAL_SPP,
+    spectral_bound,
+)
 from simrig.evaluation.planning.environment import (
     ENVIRONMENT,
     check_environment,
@@ -34,7 +41,7 @@ from simrig.evaluation.planning.integrators import (
     path_integrator,
 )
 from simrig.evaluation.planning.probe import PATH_SAMPLES, SAMPLES, look
-from simrig.evaluation.planning.source import scene_source
+from simrig.evaluation.planning.source import SceneSource, scene_source
 from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
@@ -78,8 +85,16 @@ def plan_scene(
     source = scene_source_in(scene, variant)
     first_variant = backend.current()
     try:
+        _select_variant(source, overrides)
         with rendering.timed() as clock:
             plan = _plan(SceneSubject(source, exposure), tolerance, overrides)
+    except RuntimeError as error:
+        if "not implemented" not in str(error):
+            raise
+        reason = str(error).strip().splitlines()[-1].strip()
+        raise SimrigError(
+            f"the scene cannot be rendered in the variant '{backend.current()}': {reason}"
+        ) from error
     finally:
         backend.select(first_variant)
     times = {"planning_s": clock.run_seconds, "planning_compile_s": clock.compile_seconds}
@@ -91,9 +106,7 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
     left_out, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
     decisions = decide(SCENE_EFFECTS, subject, left_out, _known(overrides, SCENE_EFFECTS))
     decisions = _with_paths(without_map(subject, decisions, overrides), overrides)
-    on = {decision.effect: decision.on for decision in decisions}
     depth = _depth(subject, left_out, decisions, overrides)
-    subject = _in_variant(subject, on["spectral"])
     decisions, lights = decide_environment(subject, decisions, left_out, noise, overrides)
     integrator = _integrator(subject, decisions, depth, lights)
     sampled = _sampled(subject, integrator)
@@ -112,8 +125,23 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
         "scene": subject.survey.describe(),
         "render_s": render_seconds(subject, sampled.seconds_per_sample, spp),
     }
-    costed = tuple(_costed(decision, spp) for decision in decisions)
+    costed = tuple(_costed(_explained(subject, decision), spp) for decision in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
+
+
+def _explained(subject: SceneSubject, decision: Decision) -> Decision:
+    """Return a decision that says what keeps it from being bounded."""
+    spectral = subject.source.spectral
+    reasons = {
+        "inter-reflection": subject.survey.unknown,
+        "spectral": "what its files hold is not known"
+        if spectral is None
+        else f"what RGB would make of '{', '.join(spectral)}' is not known",
+    }
+    reason = reasons.get(decision.effect)
+    if decision.bound is not None or not (decision.on and reason):
+        return decision
+    return replace(decision, why=f"{decision.why}; {reason}")
 
 
 def _costed(decision: Decision, spp: int) -> Decision:
@@ -257,15 +285,17 @@ def _depth(
     return UNLIMITED if orders is None else DIRECT_DEPTH + max(orders, 1)
 
 
-def _in_variant(subject: SceneSubject, spectral: bool) -> SceneSubject:
-    """Return the subject in the spectral variant when the plan calls for it."""
+def _select_variant(source: SceneSource, overrides: Overrides) -> None:
+    """Select the spectral variant or that of RGB, as the decision about spectra will be.
+
+    It needs no look at the scene, and some spectra cannot be looked at in RGB.
+    """
     variant = backend.current()
-    if spectral == ("spectral" in variant) or not subject.source.rebuilds:
-        return subject
-    exposure = subject.exposure
-    first, second = ("rgb", "spectral") if spectral else ("spectral", "rgb")
-    backend.select(variant.replace(first, second))
-    return SceneSubject(subject.source, exposure)
+    asked = overrides.of(SPECTRAL, spectral_bound(source, ""))
+    spectral = asked[0] if asked else spectral_bound(source, "") is None
+    if source.rebuilds and spectral != ("spectral" in variant):
+        first, second = ("rgb", "spectral") if spectral else ("spectral", "rgb")
+        backend.select(variant.replace(first, second))
 
 
 def _integrator(

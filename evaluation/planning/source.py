@@ -25,6 +25,10 @@ _SPECTRAL_TYPES = {
     "irregular",
     "measured",
     "measured_polarized",
+    "sunsky",
+    "timed_sunsky",
+    "hair",
+    "specfilm",
 }
 _METALS = {"conductor", "roughconductor"}  # by name ("Au") their eta and k are tabulated spectra
 
