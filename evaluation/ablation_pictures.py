@@ -13,7 +13,7 @@ from simrig.effects import Plan
 from simrig.evaluation import rendering
 from simrig.evaluation.planning import plan_scene, planned_integrator
 from simrig.evaluation.planning.integrators import DIRECT_DEPTH
-from simrig.evaluation.planning.planner import scene_source_in
+from simrig.evaluation.planning.source import scene_source_in
 from simrig.evaluation.replicates import Replicates, converged
 
 NOISE_PART = 0.05  # of the tolerance that the standard error of a picture should reach at most

@@ -19,7 +19,6 @@ from simrig.effects import Decision, Overrides, Plan, Tolerance, decide, parse_t
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
 from simrig.evaluation.planning.costs import render_seconds, shadow_seconds
-from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.effects import (
     ANTI_ALIASING,
     EFFECT_NAMES,
@@ -37,11 +36,11 @@ from simrig.evaluation.planning.environment import (
 from simrig.evaluation.planning.integrators import (
     DIRECT_DEPTH,
     UNLIMITED,
-    direct_integrator,
     path_integrator,
 )
+from simrig.evaluation.planning.planned import direct_light
 from simrig.evaluation.planning.probe import PATH_SAMPLES, SAMPLES, look
-from simrig.evaluation.planning.source import SceneSource, scene_source
+from simrig.evaluation.planning.source import SceneSource, scene_source_in
 from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
@@ -151,60 +150,6 @@ def _costed(decision: Decision, spp: int) -> Decision:
     return replace(decision, cost_s=decision.cost_s * spp / USUAL_SPP)
 
 
-def planned_render(
-    scene: Any,
-    plan: Plan,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> rendering.RenderResult:
-    """Render a scene with what its plan switched on.
-
-    Args:
-        scene: what was planned.
-        plan: from ``plan_scene``.
-        seed, progress: see ``rendering.render``.
-    """
-    source = scene_source_in(scene, plan.settings["variant"])
-    loaded = rendering.load(source.build())
-    integrator = planned_integrator(loaded, plan)
-    return rendering.render(loaded, plan.settings["spp"], seed, integrator, progress)
-
-
-def planned_integrator(scene: Any, plan: Plan) -> dict[str, Any]:
-    """Return the integrator of a plan as a Mitsuba dictionary.
-
-    Args:
-        scene: the loaded scene.
-        plan: from ``plan_scene``.
-    """
-    kind, depth = plan.settings["integrator"], plan.settings["depth"]
-    if kind in ("path", "volpath"):
-        return path_integrator(scene, depth, kind == "volpath")
-    return _direct(
-        scene, plan.on("shadowing"), plan.on("bsdf-sampling"), plan.settings.get("lights")
-    )
-
-
-def _direct(scene: Any, shadows: bool, bsdf_sampling: bool, count: int | None) -> dict[str, Any]:
-    """Return the integrator of direct light, with ``count`` lights in the place of a map."""
-    lights = None if count is None else Environment(scene.environment()).lights(count)
-    return direct_integrator(scene, shadows, bsdf_sampling, lights)
-
-
-def scene_source_in(scene: Any, variant: str) -> Any:
-    """Select a variant and return where the scene comes from.
-
-    A scene made of Mitsuba objects stays in the variant that is set.
-    """
-    import mitsuba as mi
-
-    if mi.variant() is None or not hasattr(scene, "sensors"):
-        current = mi.variant()
-        if current is None or variant != "auto":
-            backend.select(variant)
-    return scene_source(scene)
-
-
 def _known(overrides: Overrides, effects: Iterable[Any]) -> Overrides:
     """Return the overrides that concern some of the effects."""
     names = {effect.name for effect in effects}
@@ -305,7 +250,7 @@ def _integrator(
     if on["inter-reflection"]:
         media = subject.survey.unknown == "participating media"
         return path_integrator(subject.scene, depth, media)
-    return _direct(subject.scene, on["shadowing"], on["bsdf-sampling"], lights)
+    return direct_light(subject.scene, on["shadowing"], on["bsdf-sampling"], lights)
 
 
 def _sampled(subject: SceneSubject, integrator: dict[str, Any]) -> SampledSubject:

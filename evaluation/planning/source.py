@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simrig import backend
 from simrig.errors import SimrigError
 from simrig.plugins.make import one_line_errors
 
@@ -50,6 +51,20 @@ class SceneSource:
     rebuilds: bool
     spectral: tuple[str, ...] | None
     pixel_centres: bool
+
+
+def scene_source_in(scene: Any, variant: str) -> SceneSource:
+    """Select a variant and return where the scene comes from.
+
+    A scene made of Mitsuba objects stays in the variant that is set.
+    """
+    import mitsuba as mi
+
+    if mi.variant() is None or not hasattr(scene, "sensors"):
+        current = mi.variant()
+        if current is None or variant != "auto":
+            backend.select(variant)
+    return scene_source(scene)
 
 
 def scene_source(scene: Any) -> SceneSource:
