@@ -72,7 +72,7 @@ def without_times(value: Any) -> Any:
         kept = {
             k: v
             for k, v in value.items()
-            if not re.search("seconds|cost_s|planning", k) and k != "provenance"
+            if not re.search("seconds|_s$|planning", k) and k != "provenance"
         }
         return {k: without_times(v) for k, v in kept.items() if k != "pareto"}
     return [without_times(item) for item in value] if isinstance(value, list) else value
