@@ -13,6 +13,7 @@ import numpy as np
 from simrig.errors import SimrigError, unknown_name
 from simrig.evaluation.rendering import load, render
 from simrig.evaluation.stimuli_materials import StimulusMaterial, stimulus_stack
+from simrig.evaluation.structure_look import btf_stimulus, look
 from simrig.mesostructure import PRESETS
 from simrig.scenes.perspective import pixel_angle_deg
 from simrig.scenes.room import FOCAL_LENGTH_MM, ROOM_PARTS, picture_size, room
@@ -20,16 +21,18 @@ from simrig.scenes.room import FOCAL_LENGTH_MM, ROOM_PARTS, picture_size, room
 _WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 FORMS = ("btf", "brdf", "switched")
-# critical viewing distances in m by group: thesis section 3.3.5 and Fig. 3.14, rounded
+DISTANCES = ("predicted", "groups")
+# critical viewing distances in m by group: thesis section 3.4, from Fig. 3.14
 GROUP_DISTANCES_M = {
     "fabric smooth": 2.0,
+    "fabric meso": 4.0,
+    "fabric rough": 8.0,
     "leather meso": 2.0,
     "leather rough": 4.0,
-    "fabric meso": 4.0,
     "wood meso": 4.0,
-    "fabric rough": 8.0,
     "wood rough": 8.0,
 }
+_PREDICTOR = "saliency"  # of the published models that of the highest correlation, Table 3.1
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,59 @@ def room_materials(
             progress(number, len(set(chosen.values())), name)
         made[name] = StimulusMaterial(stimulus_stack(name, **options))
     return {part: made[name] for part, name in chosen.items()}
+
+
+def distances_mm(
+    source: str, materials: Mapping[str, StimulusMaterial], progress: Any = None
+) -> dict[str, float]:
+    """Return the critical viewing distance of each part in mm.
+
+    Args:
+        source: ``"predicted"`` of the materials at hand, or ``"groups"``: what the thesis says of
+            the groups of the room's own materials.
+        materials: of ``room_materials``.
+        progress: of the prediction.
+
+    Raises:
+        SimrigError: another source, or what ``predicted_distances_mm`` refuses.
+    """
+    if source not in DISTANCES:
+        raise unknown_name("distances", source, DISTANCES)
+    if source == "groups":
+        return group_distances_mm()
+    return predicted_distances_mm(materials, progress)
+
+
+def predicted_distances_mm(
+    materials: Mapping[str, StimulusMaterial], progress: Any = None
+) -> dict[str, float]:
+    """Return what is predicted for each material from its images, as ``simrig distance`` does.
+
+    The size of the structure is that of the preset, of other materials it is found in the images.
+    What the texels of a coarse BTF do not show does not count: it cannot be seen in the room.
+
+    Args:
+        materials: of the parts.
+        progress: called with materials done, in total, and the name of the next.
+
+    Raises:
+        SimrigError: a material has no images under lights at 60° on the right and left.
+    """
+    found: dict[int, float] = {}  # by object: a material of several parts is looked at once
+    count = len({id(material) for material in materials.values()})
+    for material in materials.values():
+        if id(material) in found:
+            continue
+        name = material.stack.name
+        if progress is not None:
+            progress(len(found), count, name)
+        known = PRESETS[name].structure.element_mm if name in PRESETS else None
+        try:
+            seen = look(btf_stimulus(material.stack), known)
+        except SimrigError as error:
+            raise SimrigError(f"{error}; take the distances of the groups instead") from error
+        found[id(material)] = 1000.0 * seen.distances_m[_PREDICTOR]
+    return {part: found[id(material)] for part, material in materials.items()}
 
 
 def group_distances_mm(factor: float = 1.0) -> dict[str, float]:

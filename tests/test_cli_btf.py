@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from simrig.cli import btf
 from simrig.cli.app import app
+from simrig.cli.schemes import named_scheme
 from simrig.data.btf_hdf5 import read_btf, write_btf
 from simrig.data.load import load_material
 from simrig.directions.schemes import uniform_scheme
@@ -95,7 +95,7 @@ def test_an_average_needs_all_pairs() -> None:
     ("text", "count"), [("81x81", 81), ("151x151", 151), ("1", 29), ("uniform_14", None)]
 )
 def test_directions_by_count_number_and_name(text: str, count: int | None) -> None:
-    assert len(btf._scheme(text)) == (count or len(uniform_scheme(14)))
+    assert len(named_scheme(text)) == (count or len(uniform_scheme(14)))
 
 
 def test_bad_input(tmp_path: Path, pairs: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,14 +14,18 @@ from simrig.evaluation.rendering import render
 from simrig.evaluation.room import (
     GROUP_DISTANCES_M,
     Room,
+    distances_mm,
     far_share,
     group_distances_mm,
     range_map_m,
     room_materials,
 )
+from simrig.evaluation.stimuli_materials import StimulusMaterial
+from simrig.evaluation.structure_look import btf_stimulus, look
 from simrig.evaluation.studies.engine import run_study
 from simrig.evaluation.studies.room_switch import STUDY, table
 from simrig.mesostructure import PRESETS
+from simrig.reflectance.btf_synthetic import bumps
 from simrig.scenes import room
 from simrig.scenes.chair import cushions, frame
 from simrig.scenes.meshes import rounded_box
@@ -88,6 +93,25 @@ def test_a_larger_distance_shows_fewer_brdfs() -> None:
     assert 0.1 < shares[1] < 0.9
 
 
+def test_distances_are_predicted_from_the_images_at_hand() -> None:
+    """As ``simrig distance`` does; a material of several parts is looked at once."""
+    shown = StimulusMaterial(bumps((16, 16)))
+    coarse = StimulusMaterial(replace(shown.stack, name="twill_blue"))
+    parts = {"walls": shown, "aisle": coarse, "carpet": shown}
+    looked_at = []
+    found = distances_mm("predicted", parts, lambda *call: looked_at.append(call))
+    assert [name for _, _, name in looked_at] == [shown.stack.name, "twill_blue"]
+    stimulus, known = btf_stimulus(shown.stack), PRESETS["twill_blue"].structure.element_mm
+    free, given = (1000.0 * look(stimulus, size).distances_m["saliency"] for size in (None, known))
+    assert found == {"walls": free, "aisle": given, "carpet": free}
+    assert distances_mm("groups", parts) == group_distances_mm()
+
+
+def test_a_board_with_few_images_has_no_predicted_distance(materials) -> None:
+    with pytest.raises(SimrigError, match=r"no image within 10° .* distances of the groups"):
+        distances_mm("predicted", materials)
+
+
 @pytest.fixture(scope="module")
 def materials():
     return room_materials(BOARDS)
@@ -108,6 +132,7 @@ def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
     config = {
         **STUDY.presets["quick"],
         "materials": BOARDS,
+        "distances": "groups",
         "resolution": 96,
         "spp": 1,
         "rounds": 1,
@@ -119,6 +144,10 @@ def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
     assert forms["brdf"]["psnr"] < forms["switched"]["psnr"]
     assert 0.0 < forms["switched"]["far_share"] < 1.0
     assert forms["switched"]["published_psnr"] == 58.6
+    for form in forms.values():
+        low, high = form["range_seconds"]
+        assert 0.0 < low <= form["seconds"] <= high and form["tracing_seconds"] > 0.0
+    assert found.summary["parts"]["walls"]["distance_m"] == 4.0
     assert table(found.summary)
     names = {path.name for path in found.files}
     assert {"range_map.png", "switched_difference.png", "brdf_difference.png"} <= names
@@ -138,6 +167,7 @@ def test_the_benchmark_renders_every_form() -> None:
         (lambda: room({"wals": WHITE}), "did you mean 'walls'"),
         (lambda: room({"walls": WHITE}), "'carpet' has no material"),
         (lambda: group_distances_mm(-1.0), "at least 0"),
+        (lambda: distances_mm("group", {}), "did you mean 'groups'"),
         (lambda: room_materials({"flor": "bumps"}), "unknown part of the room"),
         (lambda: Room({}, {}).scene("btff"), "did you mean 'btf'"),
     ],

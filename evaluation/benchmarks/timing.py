@@ -10,6 +10,8 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from simrig.evaluation.rendering import timed
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -21,6 +23,8 @@ class Timing:
         median: median of the later calls.
         fastest, slowest: their range.
         rounds: how many later calls.
+        kernels: seconds that kernels were at work in each later call. The rest is tracing in
+            Python, which does not shrink with the picture; 0 where there are no kernels.
     """
 
     first: float
@@ -28,6 +32,7 @@ class Timing:
     fastest: float
     slowest: float
     rounds: int
+    kernels: tuple[float, ...] = ()
 
 
 def side_by_side(
@@ -43,20 +48,25 @@ def side_by_side(
         progress: called with jobs done and in total.
     """
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    kernels: dict[str, list[float]] = {name: [] for name in jobs}
     total = (rounds + 1) * len(jobs)
     for turn in range(rounds + 1):
         for number, (name, job) in enumerate(jobs.items()):
             if progress is not None:
                 progress(turn * len(jobs) + number, total, name)
             dr.sync_thread()
-            start = time.perf_counter()
-            job()
-            dr.sync_thread()
-            seconds[name].append(time.perf_counter() - start)
+            with timed() as clock:
+                start = time.perf_counter()
+                job()
+                dr.sync_thread()
+                seconds[name].append(time.perf_counter() - start)
+            kernels[name].append(clock.kernel_seconds)
     if progress is not None:
         progress(total, total)
     return {
-        name: Timing(s[0], float(np.median(s[1:])), min(s[1:]), max(s[1:]), rounds)
+        name: Timing(
+            s[0], float(np.median(s[1:])), min(s[1:]), max(s[1:]), rounds, tuple(kernels[name][1:])
+        )
         for name, s in seconds.items()
     }
 

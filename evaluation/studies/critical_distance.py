@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
+from simrig.evaluation.room import GROUP_DISTANCES_M
 from simrig.evaluation.structure_look import FEATURES, PATCH, PREDICTING, look, tile_stimulus
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
 from simrig.mesostructure import PRESETS as MATERIALS
@@ -30,16 +31,6 @@ from simrig.perception import (
     fit_distances,
 )
 
-# thesis section 3.4, in metres; from the psychometric functions of Fig. 3.14
-GROUP_DISTANCES_M = {
-    "fabric smooth": 2.0,
-    "fabric meso": 4.0,
-    "fabric rough": 8.0,
-    "leather meso": 2.0,
-    "leather rough": 4.0,
-    "wood meso": 4.0,
-    "wood rough": 8.0,
-}
 # thesis Table 3.1: Pearson correlation of S·F with experiment B; VDP2 stands beside FLIP
 PUBLISHED_CORRELATIONS = {
     "luminance": 0.499,

@@ -18,9 +18,11 @@ _FARTHEST_M = 13.0  # of the range map's colours
 
 
 def table(summary: Mapping[str, Any]) -> Any:
-    """Return the forms beside Table 3.4."""
-    columns = ["form", "s per picture (range)", "first [s]", "÷ BTF", "published", "PSNR [dB]"]
-    columns += ["published", "BRDF pixels", "MiB"]
+    """Return the forms beside Table 3.4, and the distances of the switch."""
+    from rich.console import Group
+
+    columns = ["form", "rendering [s] (range)", "tracing [s]", "first [s]", "÷ BTF", "published"]
+    columns += ["PSNR [dB]", "published", "BRDF pixels", "MiB"]
     rows = []
     for form, row in summary["forms"].items():
         low, high = row["range_seconds"]
@@ -28,6 +30,7 @@ def table(summary: Mapping[str, Any]) -> Any:
             [
                 _NAMES[form],
                 f"{row['seconds']:.3f} ({low:.3f}–{high:.3f})",
+                f"{row['tracing_seconds']:.2f}",
                 f"{row['first_seconds']:.2f}",
                 f"{row['faster']:.2f}×",
                 f"{row['published_faster']:.2f}× ({row['published_fps']:g} FPS)",
@@ -39,10 +42,22 @@ def table(summary: Mapping[str, Any]) -> Any:
         )
     title = (
         f"The room, {summary['resolution']} pixels wide, {summary['spp']} spp, "
-        f"{summary['variant']}, median of {summary['rounds']}; distances of the "
-        f"{summary['distances']}; '÷ BTF' says how many times faster than BTF only"
+        f"{summary['variant']}, median of {summary['rounds']}; '÷ BTF' says how many times faster "
+        "than BTF only"
     )
-    return text_table(title, columns, rows)
+    distances = [
+        [part, one["material"], f"{one['distance_m']:.1f}", f"{one['group_distance_m']:g}"]
+        for part, one in summary["parts"].items()
+    ]
+    source = f"switch [m], {summary['distances']}"
+    return Group(
+        text_table(title, columns, rows),
+        text_table(
+            "From where on the BRDF is shown, and the thesis's distances of the groups",
+            ["part", "material", source, "group [m]"],
+            distances,
+        ),
+    )
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], folder: Path) -> list:

@@ -12,17 +12,15 @@ import typer
 from simrig.cli import frame
 from simrig.cli.effect_options import plan_table
 from simrig.cli.outputs import output_file
+from simrig.cli.schemes import named_scheme
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from simrig.directions.schemes import HemisphereScheme
-
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
 _Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 _GANTRY = "gantry"
-_BY_COUNT = {"81x81": "hemisphere_81", "151x151": "hemisphere_151"}
 
 
 def register(app: typer.Typer) -> None:
@@ -88,10 +86,12 @@ def measure(
     from simrig.rigs.btf_orders import plan_orders
     from simrig.sampling.gantry import GantryPlan
 
-    if directions == _GANTRY and pairs is None:
+    if pairs is not None:
+        listed = _listed(pairs)
+    elif directions == _GANTRY:
         listed = GantryPlan().angles()
     else:
-        listed = btf_angles(_scheme(directions)) if pairs is None else _listed(pairs)
+        listed = btf_angles(named_scheme(directions, others=(_GANTRY,)))
     angles = checked_plan(by_view(listed))
     allowed = parse_tolerance(tolerance or DEFAULT_TOLERANCE)
     fixed = None if orders == "auto" else checked_orders(_number(orders))
@@ -263,18 +263,6 @@ def _described(file: Path) -> dict[str, Any]:
         "standard_error": None if error is None else float(np.sqrt(np.mean(error**2))),
         "provenance": dict(stack.provenance),
     }
-
-
-def _scheme(text: str) -> HemisphereScheme:
-    from simrig.directions.schemes import SCHEMES, scheme, uniform_scheme
-    from simrig.errors import unknown_name
-
-    name = _BY_COUNT.get(text, text)
-    if name.isdecimal():
-        return uniform_scheme(int(name))
-    if name not in SCHEMES:
-        raise unknown_name("directions", text, (_GANTRY, *_BY_COUNT, *SCHEMES))
-    return scheme(name)
 
 
 def _listed(path: Path) -> np.ndarray:

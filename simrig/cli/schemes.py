@@ -1,4 +1,4 @@
-"""``simrig measure --scheme``: which list of directions is meant, and how it is measured."""
+"""Which list of directions ``--scheme`` or ``--directions`` means, and how it is measured."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from simrig.rigs.gonioreflectometer import Gonioreflectometer
 
 DEFAULT_THETA_MAX = 80.0  # degrees; that of the thesis
+_BY_COUNT = {"81x81": "hemisphere_81", "151x151": "hemisphere_151"}
 _MOST_PROBED = 10_000  # directions at which the effects of the rig are bounded
 
 
@@ -24,8 +25,8 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
     """Return the directions that ``--scheme`` names.
 
     Args:
-        name: ``1`` to ``30``, a name of ``simrig.directions.schemes``, ``uniform`` (the densest
-            of the thirty for the samples) or ``regular`` (a regular grid for the samples).
+        name: what ``named_scheme`` takes, ``uniform`` (the densest of the thirty for the samples)
+            or ``regular`` (a regular grid for the samples).
         samples: for ``uniform`` and ``regular``; 8911 if not given.
         theta_max_deg: for ``regular``.
 
@@ -33,8 +34,6 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
         SimrigError: an unknown name, samples given with a scheme that has its own number, or
             too few samples; a largest elevation for anything but ``regular``.
     """
-    from simrig.directions.schemes import SCHEMES, scheme, uniform_scheme
-    from simrig.errors import unknown_name
     from simrig.sampling.uniform import largest_uniform_scheme, uniform_plan
 
     if not 0.0 < theta_max_deg < 90.0:
@@ -53,10 +52,31 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
             f"scheme '{name}' has its own number of samples: leave out --samples, or ask for "
             "--scheme uniform or regular"
         )
+    return named_scheme(name, "scheme", ("uniform", "regular"))
+
+
+def named_scheme(
+    text: str, what: str = "directions", others: tuple[str, ...] = ()
+) -> HemisphereScheme:
+    """Return the fixed list of directions that a user names.
+
+    Args:
+        text: ``81x81`` or ``151x151``, ``1`` to ``30`` of the uniform schemes, or a name of
+            ``simrig.directions.schemes``.
+        what: is named, for the message.
+        others: words that the caller takes as well, likewise.
+
+    Raises:
+        SimrigError: there is none of this name.
+    """
+    from simrig.directions.schemes import SCHEMES, scheme, uniform_scheme
+    from simrig.errors import unknown_name
+
+    name = _BY_COUNT.get(text, text)
     if name.isdecimal():
         return uniform_scheme(int(name))
     if name not in SCHEMES:
-        raise unknown_name("scheme", name, (*SCHEMES, "uniform", "regular"))
+        raise unknown_name(what, text, (*others, *_BY_COUNT, *SCHEMES))
     return scheme(name)
 
 

@@ -10,6 +10,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.outputs import output_file, output_folder
+from simrig.cli.schemes import named_scheme
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -31,7 +32,9 @@ _Rotation = Annotated[
     float, typer.Option(help="Of the material, in degrees; the thesis has 0, 45 and 90.")
 ]
 _Texels = Annotated[int, typer.Option(min=1, help="Along x, of a BTF that is measured now.")]
-_Directions = Annotated[str, typer.Option(help="Scheme of a BTF that is measured now.")]
+_Directions = Annotated[
+    str, typer.Option(help="Of a BTF that is measured now; as of 'simrig btf measure'.")
+]
 _Seed = Annotated[int, typer.Option(min=0, help="Of the samples.")]
 _Force = Annotated[bool, typer.Option("--force", help="Replace existing output.")]
 _Exr = Annotated[bool, typer.Option("--exr", help="Frames as OpenEXR instead of PNG.")]
@@ -54,15 +57,16 @@ def cylinders(
     spp: _Spp = 64,
     rotation: _Rotation = 0.0,
     texels: _Texels = 64,
-    directions: _Directions = "hemisphere_81",
+    directions: _Directions = "81x81",
     seed: _Seed = 0,
     force: _Force = False,
 ) -> frame.Report:
     """Render a material on the receding cylinders: BRDF above, BTF below."""
     _check_suffix(output)
+    listed = named_scheme(directions)
     with output_file(output, force) as temporary:
         stimulus = _stimulus(
-            material, experiment, resolution, spp, rotation, texels=texels, directions=directions
+            material, experiment, resolution, spp, rotation, texels=texels, directions=listed
         )
         with frame.progress("cylinders") as report:
             result = stimulus.picture(seed, report)
@@ -80,7 +84,7 @@ def rotation(
     spp: _Spp = 16,
     rotation: _Rotation = 0.0,
     texels: _Texels = 64,
-    directions: _Directions = "hemisphere_81",
+    directions: _Directions = "81x81",
     exr: _Exr = False,
     force: _Force = False,
 ) -> frame.Report:
@@ -90,6 +94,7 @@ def rotation(
     count = math.ceil(seconds * FRAMES_PER_SECOND)
     if count < 1:
         raise SimrigError(f"a film needs at least one frame, got {seconds:g} seconds")
+    listed = named_scheme(directions)
     request = {
         "material": material,
         **({"changed": Path(material).stat().st_mtime_ns} if Path(material).is_file() else {}),
@@ -97,7 +102,7 @@ def rotation(
     }
     with output_folder(output, force, request) as folder:
         stimulus = _stimulus(
-            material, "B", resolution, spp, rotation, patch, texels=texels, directions=directions
+            material, "B", resolution, spp, rotation, patch, texels=texels, directions=listed
         )
         with frame.progress("frames") as report:
             made = write_frames(stimulus, folder, count, speed, ".exr" if exr else ".png", report)
@@ -137,13 +142,17 @@ def room_command(
     material: Annotated[
         list[str] | None, typer.Option(help="PART=MATERIAL, see docs/stimuli.md; repeatable.")
     ] = None,
+    distances: Annotated[
+        str | None,
+        typer.Option(help="Of the switch: predicted (unless given) of each BTF, or groups."),
+    ] = None,
     distance: Annotated[
-        float | None, typer.Option(min=0.0, help="Of the switch, m; by group unless given.")
+        float | None, typer.Option(min=0.0, help="Of the switch instead: one for all, in m.")
     ] = None,
     resolution: Annotated[int, typer.Option(min=16, help="Width in pixels; 16 : 9.")] = 1920,
     spp: _Spp = 16,
     texels: _Texels = 32,
-    directions: _Directions = "hemisphere_81",
+    directions: _Directions = "81x81",
     seed: _Seed = 0,
     force: _Force = False,
 ) -> frame.Report:
@@ -151,24 +160,34 @@ def room_command(
     from simrig import backend
     from simrig.errors import unknown_name
     from simrig.evaluation.rendering import render
-    from simrig.evaluation.room import FORMS, Room, group_distances_mm, room_materials
+    from simrig.evaluation.room import DISTANCES, FORMS, Room, distances_mm, room_materials
+    from simrig.scenes.room import ROOM_PARTS
 
     _check_suffix(output)
     if form not in FORMS:
         raise unknown_name("form of the room", form, FORMS)
+    if distances is not None and distances not in DISTANCES:
+        raise unknown_name("distances", distances, DISTANCES)
+    if distances is not None and distance is not None:
+        raise SimrigError("--distance takes the place of --distances: leave one of them out")
+    if form != "switched" and (distances is not None or distance is not None):
+        raise SimrigError(f"--form {form} has no switch: leave out --distances and --distance")
+    listed = named_scheme(directions)
     names = dict(_part(text) for text in material or [])
-    distances = group_distances_mm()
-    if distance is not None:
-        distances = dict.fromkeys(distances, 1000.0 * distance)
     with output_file(output, force) as temporary:
         backend.select()
         with frame.progress("materials") as report:
-            materials = room_materials(names, report, texels=texels, directions=directions)
-        scene = Room(materials, distances, resolution, spp).scene(form)
+            materials = room_materials(names, report, texels=texels, directions=listed)
+        switch: dict[str, float] = {}
+        if distance is not None:
+            switch = dict.fromkeys(ROOM_PARTS, 1000.0 * distance)
+        elif form == "switched":
+            switch = distances_mm(distances or DISTANCES[0], materials)
+        scene = Room(materials, switch, resolution, spp).scene(form)
         with frame.progress("room") as report:
             result = render(scene, spp, seed, progress=report)
         exposure = _write(temporary, output, result, "room")
-    return _report(output, result, {"form": form, "exposure": exposure, "distances_mm": distances})
+    return _report(output, result, {"form": form, "exposure": exposure, "distances_mm": switch})
 
 
 def _part(text: str) -> tuple[str, str]:
