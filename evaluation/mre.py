@@ -154,8 +154,8 @@ def mre_estimate(
         relative_standard_error: if given (0.02 is 2 %), repeat with more samples until the
             standard error is at most this share of the estimate. Once that would take as many
             directions as the grid has, the exact value is returned.
-        most: if given, no attempt takes more directions than this: where the wished standard
-            error would need more, the last estimate is returned with the one that it has.
+        most: if given, no attempt takes more directions than about this: where the wished
+            standard error needs more, one of this size is returned with the error that it has.
 
     Raises:
         SimrigError: as ``mre_exact``, or for too few samples.
@@ -175,18 +175,18 @@ def mre_estimate(
     pilot = np.full(count, max(2, int(_PILOT_SHARE * samples / count)))
     _, spread = _stratified(truth, approximation, strata, rng, pilot)
     spent = int(pilot.sum())
-    wanted = samples - spent
+    wanted, last = samples - spent, False
     while True:
         counts = allocate(strata, spread, wanted)
         result, spread = _stratified(truth, approximation, strata, rng, counts)
         spent += int(counts.sum())
         target = (relative_standard_error or np.inf) * result.percent
-        if result.standard_error_percent <= target:
+        if result.standard_error_percent <= target or last:
             return replace(result, directions=spent)
         wanted = round(1.3 * counts.sum() * (result.standard_error_percent / target) ** 2)
         if most is not None and wanted > most:
-            return replace(result, directions=spent)
-        if wanted >= grid.directions:
+            wanted, last = most, True
+        elif wanted >= grid.directions:
             return mre_exact(truth, approximation, step_deg=step_deg, theta_max_deg=theta_max_deg)
 
 

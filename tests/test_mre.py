@@ -225,7 +225,7 @@ def test_no_attempt_takes_more_than_the_most_that_is_allowed():
     truth, other = kurt_material("fabric112"), rougher("fabric112")
     wished = dict(step_deg=STEP, relative_standard_error=1e-5, most=2000)
     found = mre_estimate(truth, other, 500, **wished)
-    assert not found.exact and found.directions < 2000 + 500
+    assert not found.exact and 2000 - 100 < found.directions < 2000 + 700
     assert found.standard_error_percent > 1e-5 * found.percent
 
 
