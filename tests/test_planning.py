@@ -67,6 +67,8 @@ def check_indirect(scene: Any, label: str) -> tuple[float, float]:
 # 256 lights are noise to path tracing, and one convex body is there as 'sphere'
 _FAST = ("sphere", "four_spheres")
 _SLOW = sorted(set(SCENES) - {"environment_sphere", *_FAST})
+# 72 chairs take over 40 s for each tolerance; the bound is held there, the plan in smaller scenes
+_PLANNED = [name for name in _SLOW if name != "room"]
 
 
 @pytest.mark.parametrize(
@@ -153,7 +155,8 @@ def test_bounds_hold_on_random_scenes(seed: int) -> None:
 
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 @pytest.mark.parametrize(
-    "name", ["sphere", *(pytest.param(n, marks=pytest.mark.slow) for n in ("four_spheres", *_SLOW))]
+    "name",
+    ["sphere", *(pytest.param(n, marks=pytest.mark.slow) for n in ("four_spheres", *_PLANNED))],
 )
 def test_a_planned_picture_keeps_its_tolerance(name: str, tolerance: float) -> None:
     scene = named(name, "wood01")
