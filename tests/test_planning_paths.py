@@ -103,6 +103,7 @@ def test_what_no_path_met_is_allowed_for() -> None:
     hidden = sampled_changes(made_up(0.2, 0.01, 1.0, 65536), DISPLAY, 1e4)
     assert hidden[0].bound > 50.0 * many.bound
     assert hidden[1].bound > 0.0 == hidden[1].estimate, "nor has what deeper paths would find"
+    assert many.floor == few.floor == many.estimate, "equal pixels: nothing but paths is missing"
 
 
 def test_an_unseen_event_counts_most_where_the_picture_is_dark() -> None:
@@ -125,7 +126,7 @@ def test_noise_and_its_bias_enter_the_bound() -> None:
     four_ways = np.array([[0.0, 0.0], [0.0, 0.04], [0.04, 0.0], [0.04, 0.04]])
     look.halves[1] = np.tile(four_ways, (16, 1))[..., None]  # 0.02 on average
     found = sampled_changes(look, DISPLAY, 0.0)[0]
-    assert found.estimate < true < found.bound
+    assert found.estimate < true < found.bound and found.estimate < found.floor < found.bound
 
 
 def neighbours(alpha: float) -> Any:

@@ -56,7 +56,7 @@ def run(
     for done, (scene, material) in enumerate(cells):
         if progress is not None:
             progress(done, len(cells), f"{scene}, {material}")
-        rows.append(_cell(scene, material, resolution, rounds))
+        rows.append(compare(scene, material, resolution, rounds))
     if progress is not None:
         progress(len(cells), len(cells))
     return {
@@ -69,8 +69,14 @@ def run(
     }
 
 
-def _cell(scene: str, material: str, resolution: int, rounds: int) -> dict[str, Any]:
-    """Return the row of one scene and material."""
+def compare(scene: str, material: str, resolution: int, rounds: int) -> dict[str, Any]:
+    """Return the row of one scene and material; a variant must be selected.
+
+    Args:
+        scene: a name from ``BY_HAND``.
+        material: a built-in name or a file.
+        resolution, rounds: see ``run``.
+    """
     bsdf = make_bsdf(load_material(material))
 
     def build() -> dict[str, Any]:

@@ -133,9 +133,16 @@ def _block_means(orders: Sequence[Any], block: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SampledChange:
-    """What leaving out orders changes: ``estimate``, and ``bound`` >= it, see the module."""
+    """What leaving out orders changes, see the module.
+
+    Attributes:
+        estimate: from the paths.
+        floor: what of the bound comes from how pixels differ; no number of paths is below it.
+        bound: at least both.
+    """
 
     estimate: float
+    floor: float
     bound: float
 
 
@@ -150,25 +157,31 @@ def sampled_changes(look: PathLook, display: Display, brightest: float) -> list[
     full = look.halves.sum(axis=0)  # (N, 2, 3)
     lit = (full > 0.0).any(axis=(1, 2))
     if not lit.any():
-        return [SampledChange(0.0, 0.0)] * ORDERS
+        return [SampledChange(0.0, 0.0, 0.0)] * ORDERS
     kept = np.cumsum(look.halves[:, lit], axis=0)
     direct = kept[0].mean(axis=1)
     weight = _steepest(display, direct) * _UNSEEN / look.paths * lit.size / int(lit.sum())
     changes = []
     for first in range(ORDERS):
-        mean, most = _mean_change(display, kept[first], full[lit])
+        mean, error, bias = _mean_change(display, kept[first], full[lit])
         largest = max(_RANGE_SAFETY * float(look.largest[first]), brightest)
-        bound = display.of_mean(most, direct) + display.of_mean(weight * largest, direct)
-        changes.append(SampledChange(display.of_mean(mean, direct), bound))
+        spread = mean + _CERTAIN * error
+        estimate, floor, bound = (
+            display.of_mean(one, direct) for one in (mean, spread, spread + bias)
+        )
+        unseen = display.of_mean(weight * largest, direct)
+        changes.append(SampledChange(estimate, floor, bound + unseen))
     return changes
 
 
-def _mean_change(display: Display, before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
-    """Return the mean change of pixels and what it is at most, for (N, 2, 3) halves."""
+def _mean_change(
+    display: Display, before: np.ndarray, after: np.ndarray
+) -> tuple[float, float, float]:
+    """Return the mean change of pixels, its standard error and its bias, for (N, 2, 3) halves."""
     whole = display.per_pixel(before.mean(axis=1), after.mean(axis=1))
     halves = np.mean([display.per_pixel(before[:, half], after[:, half]) for half in (0, 1)])
     mean, error = float(whole.mean()), float(whole.std()) / math.sqrt(whole.size)
-    return mean, mean + _CERTAIN * error + max(mean - float(halves), 0.0)
+    return mean, error, max(mean - float(halves), 0.0)
 
 
 def _steepest(display: Display, picture: np.ndarray) -> float:

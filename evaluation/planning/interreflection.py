@@ -58,6 +58,8 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
     if proved <= tolerance.amount:
         why = "albedo and solid angle of the other bodies times the radiance that they send"
         return IndirectBounds((proved, *(change.bound for change in found[1:])), why)
+    if found[0].floor > tolerance.amount:
+        return _from_paths(found, paths)
     paths = subject.look_at_paths(MORE_PATHS)
     return _from_paths(_sampled(subject, tolerance, paths), paths)
 

@@ -25,9 +25,9 @@ import numpy as np
 from simrig import backend
 from simrig.data.load import load_material
 from simrig.effects import Tolerance
-from simrig.evaluation import rendering
 from simrig.evaluation.ablation import effect_rows, plan_row, planned_render_row
 from simrig.evaluation.ablation_pictures import Pictures
+from simrig.evaluation.benchmarks import planned
 from simrig.evaluation.planning import plan_scene, planned_render
 from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 from simrig.evaluation.replicates import Change
@@ -51,8 +51,9 @@ SCENE_OPTIONS: dict[str, dict[str, Any]] = {
 MATERIALS = ("lambert", "ward", "yellow_satin", "fabric002", "brushed_aluminium")
 TOLERANCES = (0.2, 0.5, 1.0, 2.0)  # mean ΔE
 _TELLS = 0.5  # of the tolerance: a reference of a larger standard error cannot tell a miss
-_DIRECT_SCENES = ("sphere", "cylinder")
+_DIRECT_SCENES = tuple(planned.BY_HAND)
 _DIRECT_ROUNDS = 9
+_DIRECT_WIDTH = 256  # pixels
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -171,26 +172,12 @@ def _met(change: Change, tolerance: Tolerance) -> bool | None:
 
 def _direct(scene: str, material: str) -> dict[str, Any]:
     """Return the run times of a planned render and of a scene written by hand for direct light."""
-    reflectance = load_material(material)
-
-    def build() -> dict[str, Any]:
-        return build_scene(scene, make_bsdf(reflectance), resolution=256)
-
-    plan = plan_scene(build, "dE=0.5")
-    minimal = rendering.load(build())  # its own integrator is 'direct' with one light sample
-    seconds: dict[str, list[float]] = {"planned": [], "minimal": []}
-    for turn in range(_DIRECT_ROUNDS + 1):  # the first round compiles
-        planned = planned_render(build, plan, seed=turn)
-        by_hand = rendering.render(minimal, plan.settings["spp"], seed=turn)
-        if turn:
-            seconds["planned"].append(planned.run_seconds)
-            seconds["minimal"].append(by_hand.run_seconds)
-    medians = {name: float(np.median(values)) for name, values in seconds.items()}
+    row = planned.compare(scene, material, _DIRECT_WIDTH, _DIRECT_ROUNDS)
     return {
-        "spp": plan.settings["spp"],
-        "seconds": medians["planned"],
-        "minimal_seconds": medians["minimal"],
-        "ratio": medians["planned"] / medians["minimal"],
+        "spp": row["spp"],
+        "seconds": row["planned_seconds"],
+        "minimal_seconds": row["minimal_seconds"],
+        "ratio": row["ratio"],
     }
 
 
