@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from simrig.data.images import read_image
 from simrig.data.load import FORMATS, MATERIALS
 from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation import studies
+from simrig.evaluation.stability_uniform import list_rows
 from simrig.evaluation.studies.base import Study
 from simrig.rigs.measurement import Measurement
 from simrig.scenes import SCENES
@@ -150,12 +152,17 @@ def test_convert_writes_what_can_be_read_again() -> None:
     done("compare", "wood01", "wood.bsdf", "--step", "15", "--theta-max", "75")
 
 
-@pytest.mark.slow
-def test_stability_sums_up_its_rows() -> None:
+@pytest.mark.parametrize("unexplained", [0, 3])
+def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The suite itself is tests/test_stability_suite.py's; here it gives a few of its rows."""
+    rows = list_rows("barycentric", uniform_scheme(1))
+    rows[:unexplained] = [replace(row, explained=False) for row in rows[:unexplained]]
+    monkeypatch.setattr("simrig.evaluation.stability.stability_suite", lambda *_, **__: rows)
     result = simrig("stability", "--json")
     found = json.loads(result.stdout)
-    assert found["summary"]["rows"] == len(found["rows"]) > 100
-    assert result.exit_code == (2 if found["summary"]["unexplained"] else 0)
+    assert found["summary"]["rows"] == len(found["rows"]) == len(rows) > 3
+    assert found["summary"]["unexplained"] == unexplained
+    assert result.exit_code == (2 if unexplained else 0)
 
 
 @pytest.mark.parametrize(

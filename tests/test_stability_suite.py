@@ -195,13 +195,6 @@ def test_a_method_that_drops_duplicates_is_flagged(monkeypatch):
     assert [row.case for row in rows if not row.explained] == ["duplicates with other values"]
 
 
-@pytest.mark.slow
-def test_methods_for_listed_directions_are_clean():
-    rows = [*rbf_rows(), *uniform_rows(hard_cases(32), "llvm")]
-    assert len({row.object for row in rows}) == 6  # four of RBF, two tables
-    assert [row for row in rows if not row.explained] == []
-
-
 def test_a_nearly_singular_spline_is_smoothed_and_says_so(monkeypatch):
     cases = [case for case in hard_samples() if case[0] == "five in a row, hardly apart"]
     monkeypatch.setattr(stability_uniform, "hard_samples", lambda: iter(cases))
