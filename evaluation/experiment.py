@@ -27,6 +27,7 @@ from simrig.evaluation.experiment_results import (
 from simrig.evaluation.experiment_scenes import Studio
 from simrig.evaluation.experiment_subjects import Laboratory, Subject, largest_theta_deg, make_plans
 from simrig.evaluation.planning.experiments import check_plans
+from simrig.plugins.sampling import sample_alike
 from simrig.reflectance.protocol import Reflectance
 from simrig.rigs.measurement import fingerprint
 
@@ -128,6 +129,7 @@ def _reconstruction(
 ) -> dict[str, Any]:
     """Compare a reconstruction with the truth over all angles and on all scenes."""
     plan = subject.plan
+    sample_alike(subject.reflectance, truth)  # noise is then no difference between their pictures
     steps.begin(f"comparing all angles, {plan.label}")
     name = f"errors {plan.key}"
     errors = parts.get(name) or parts.put(

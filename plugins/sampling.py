@@ -112,6 +112,15 @@ def fitted(reflectance: Reflectance) -> Mixture:
     return cache["_sampling_mixture"]
 
 
+def sample_alike(reflectance: Reflectance, other: Reflectance) -> None:
+    """Draw directions of a reflectance as those of another one, in BSDFs made from now on.
+
+    Paths of both then go the same ways with the same random numbers, and their noise is common. A
+    mixture of another reflectance is right as well: a share of it reaches every direction.
+    """
+    reflectance.__dict__["_sampling_mixture"] = fitted(other)
+
+
 def quadrature() -> _Quadrature:
     """Return the directions of the fit, made once."""
     if not hasattr(quadrature, "cache"):

@@ -30,12 +30,16 @@ from simrig.evaluation.experiment_results import accuracy_versus_cost, total_cos
 from simrig.evaluation.experiment_scenes import Studio
 from simrig.evaluation.experiment_subjects import SLICE_METHODS, largest_theta_deg, make_plans
 from simrig.evaluation.measured_half import MeasuredHalf
+from simrig.evaluation.metrics import delta_e_map, foreground_mask
 from simrig.evaluation.mre import mre_exact
-from simrig.evaluation.rendering import automatic_exposure
+from simrig.evaluation.planning.experiments import experiment_scene
+from simrig.evaluation.rendering import automatic_exposure, render
+from simrig.plugins.sampling import sample_alike
 from simrig.reconstruction.regular_grid import reconstruct_regular_grid
 from simrig.reflectance import Lambert, kurt_material
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.protocol import evaluate
+from simrig.reflectance.resample import resample_dense
 from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.measurement import Measurement
 from simrig.sampling.uniform import uniform_plan
@@ -552,3 +556,25 @@ def test_settings_of_rendering_are_read_again_as_they_were(tmp_path: Path) -> No
         path = tmp_path / "experiment.toml"
         path.write_text(experiment.to_toml())
         assert Experiment.from_toml(path) == experiment
+
+
+@pytest.mark.usefixtures("variant_llvm")
+def test_noise_of_paths_is_no_difference_either() -> None:
+    """Drawn alike, few paths find the difference that many find; drawn apart far too much."""
+    truth = kurt_material("fabric002")
+    settings = SceneSettings("four_spheres", {"columns": 2, "resolution": 32})
+    paths = {"type": "path", "max_depth": 4, "hide_emitters": True}
+
+    def difference(spp: int, alike: bool) -> float:
+        rebuilt = resample_dense(truth, np.radians(7.5), 48, np.radians(82.5))
+        if alike:
+            sample_alike(rebuilt, truth)
+        first, second = (
+            render(experiment_scene(settings, one), spp, 0, paths).image for one in (truth, rebuilt)
+        )
+        return float(delta_e_map(first, second)[foreground_mask(first, second)].mean())
+
+    converged = difference(2048, True)
+    assert difference(2048, False) == pytest.approx(converged, rel=0.1), "both are right"
+    assert difference(64, False) > 1.8 * converged
+    assert difference(64, True) < 1.4 * converged
