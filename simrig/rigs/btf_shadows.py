@@ -129,7 +129,7 @@ def _traced(
     numbers = np.flatnonzero(shadowed)
     if not len(numbers):
         return np.full(counts[0] * counts[1], free, dtype=np.uint32)
-    towards = [mi.Float(aligned(np.float32(c))) for c in lights[numbers].T]
+    towards = [mi.Float(aligned(np.asarray(c, dtype=np.float32))) for c in lights[numbers].T]
     bits = mi.UInt32(aligned(numbers.astype(np.uint32)))
     return np.array(_lit(scene, si, towards, bits, dr.opaque(mi.UInt32, len(numbers)))) | np.uint32(
         free
