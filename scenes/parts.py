@@ -6,7 +6,7 @@ cameras are orthographic and look along −z, so the view direction is the same 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -69,7 +69,7 @@ def camera(
     }
 
 
-def lamp(position: np.ndarray, distance: float) -> dict:
+def lamp(position: Sequence[float] | np.ndarray, distance: float) -> dict:
     """Return a point light that brings a white diffuser at ``distance`` (mm) to radiance 1."""
     return {
         "type": "point",

@@ -58,7 +58,7 @@ def receding_cylinders(
         half: share(material, name)
         for half, (name, material) in by_part(bsdf, HALVES, "half of the cylinders").items()
     }
-    scene = {
+    scene: dict[str, Any] = {
         "type": "scene",
         "integrator": all_lights(),
         "sensor": perspective_camera(
@@ -96,7 +96,7 @@ def placements(experiment: str, turn_deg: float = 0.0) -> dict[str, Any]:
         turn_deg: turns the cylinders, and with them their texture; see ``receding_cylinders``.
     """
     row = cylinder_row(experiment)
-    found = {}
+    found: dict[str, Any] = {}
     for number, (x, d) in enumerate(zip(positions_mm(row), row.distances_mm, strict=True)):
         # u = 0 lies in the direction +x of the standing cylinder: turn it away from the camera
         behind = 90.0 - float(np.degrees(np.arctan2(x, d)))

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
+import drjit
+import mitsuba
 import numpy as np
 
 from simrig.arrays import aligned
@@ -20,6 +20,10 @@ from simrig.errors import SimrigError
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.btf_shadows import shadow_grid, shadowed_lights
 from simrig.scenes.tile import periods_for, tile_shapes
+
+# the overloads of their stubs would keep mypy busy for minutes, in the loops below
+dr: Any = drjit
+mi: Any = mitsuba
 
 MOST_SAMPLES = 4096  # per texel
 _RECORDS = 1 << 19  # of one block of rows

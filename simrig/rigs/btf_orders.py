@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simrig.directions.spherical import to_vector
-from simrig.effects import Bound, Overrides, Plan, Tolerance, decide
+from simrig.effects import Bound, Decision, Overrides, Plan, Tolerance, decide
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.btf_camera import TileCamera
 from simrig.rigs.tolerances import largest_change
@@ -95,7 +95,7 @@ def plan_orders(
         subject = OrdersSubject(flat, np.zeros(1), 0.0)
     else:
         subject = _probed(tile, angles, float(resolution[0]) * resolution[1] * spp, seed)
-    decisions = decide(effects, subject, tolerance, Overrides())
+    decisions: tuple[Decision, ...] = decide(effects, subject, tolerance, Overrides())
     on = [order for order, decision in enumerate(decisions, start=2) if decision.on]
     settings = {"orders": max(on, default=1)}
     about = {"planning_seconds": time.perf_counter() - start}
@@ -111,7 +111,8 @@ def _probed(tile: Tile, angles: np.ndarray, samples: float, seed: int) -> Orders
     towards = to_vector(lights[:, 0], lights[:, 1])
     camera = TileCamera(tile, towards, steepest, texels, _SPP, seed, grid=False)
     numbers = np.arange(len(lights))
-    found, seconds = [], []
+    found: list[np.ndarray] = []
+    seconds: list[float] = []
     for number, view in enumerate(to_vector(views[:, 0], views[:, 1])):
         start = time.perf_counter()
         found.append(camera.view(view, numbers, MOST_ORDERS, number).values)
