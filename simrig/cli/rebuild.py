@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from simrig.cli import frame
 from simrig.errors import SimrigError
@@ -173,7 +172,7 @@ def _tabulated(reflectance: RbfReflectance, step_deg: float) -> Reflectance:
     with frame.progress("tabulating") as report:
         return resample_dense(
             reflectance,
-            float(np.radians(step_deg)),
+            math.radians(step_deg),
             round(360.0 / step_deg),
             float_type=kind,
             progress=report,

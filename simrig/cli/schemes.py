@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from simrig.cli import effect_options, frame
 from simrig.errors import SimrigError
@@ -46,7 +45,7 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
     if name == "uniform":
         return largest_uniform_scheme(samples or 8911)
     if name == "regular":
-        return uniform_plan(samples or 8911, float(np.radians(theta_max_deg))).scheme()
+        return uniform_plan(samples or 8911, math.radians(theta_max_deg)).scheme()
     if samples is not None:
         raise SimrigError(
             f"scheme '{name}' has its own number of samples: leave out --samples, or ask for "
