@@ -120,7 +120,7 @@ def picture(scene: Any, camera: Any, depth: int, spp: int, seed: int = 0) -> np.
         seed: of the samples.
     """
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
-    found = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=seed)
+    found = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=mi.UInt32(seed))
     return np.maximum(np.array(found)[..., :3], 0.0)
 
 

@@ -74,7 +74,7 @@ def reflectance_errors(
         ``estimate``: the MRE from random directions with its standard error; ``exact``: every
         metric over the whole grid, None when that was not asked for. Plain values.
     """
-    about = {"step_deg": grid.step_deg, "theta_max_deg": grid.theta_max_deg}
+    about: dict[str, Any] = {"step_deg": grid.step_deg, "theta_max_deg": grid.theta_max_deg}
     start = time.perf_counter()
     samples = min(settings.estimate_samples, grid.directions)
     estimate = _plain(mre_estimate(truth, other, samples, seed=seed, **about))
@@ -104,7 +104,7 @@ def material_facts(
     """
     half = None
     if not truth.reciprocal:
-        about = {"step_deg": grid.step_deg, "theta_max_deg": grid.theta_max_deg}
+        about: dict[str, Any] = {"step_deg": grid.step_deg, "theta_max_deg": grid.theta_max_deg}
         half = _plain(mre_estimate(truth, MeasuredHalf(truth), samples, seed=seed, **about))
     return {
         "name": truth.name,

@@ -90,7 +90,8 @@ class SpherePicture:
         values = evaluate(reflectance, wi, wv, backend.types("float32").Float)
         ends = np.cumsum([len(light) for light in self._directions])[:-1]
         parts = zip(self._directions, np.split(values, ends), strict=True)
-        return np.sum([light.picture(own) for light, own in parts], axis=0, dtype=np.float32)
+        pictures = np.stack([light.picture(own) for light, own in parts])
+        return np.asarray(pictures.sum(axis=0, dtype=np.float32))
 
     @cached_property
     def _directions(self) -> list[ControlSamples]:

@@ -101,6 +101,7 @@ def compare(scene: str, material: str, resolution: int, rounds: int) -> dict[str
     medians = {name: float(np.median(own)) for name, own in seconds.items()}
     mask = foreground_mask(*pictures.values())
     exposure = plan.about["exposure"]
+    differences = delta_e_map(pictures["planned"], pictures["minimal"], exposure)
     return {
         "scene": scene,
         "material": material,
@@ -114,7 +115,7 @@ def compare(scene: str, material: str, resolution: int, rounds: int) -> dict[str
         "minimal_compile_seconds": clocks["minimal"][0].compile_seconds,
         "planning_seconds": plan.about["planning_s"],
         "planning_compile_seconds": plan.about["planning_compile_s"],
-        "delta_e": float(delta_e_map(*pictures.values(), exposure)[mask].mean()),
+        "delta_e": float(differences[mask].mean()),
     }
 
 
@@ -176,7 +177,7 @@ def _upright() -> Any:
     """Return the turn of a sphere that puts its poles at the top and bottom of the picture."""
     import mitsuba as mi
 
-    turned = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+    turned = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float32)
     return mi.ScalarTransform4f(turned)
 
 

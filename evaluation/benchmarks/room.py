@@ -69,7 +69,10 @@ def run(
     scenes |= {form: load(rooms.scene(form)) for form in FORMS}
 
     def job(scene: Any, integrator: Any) -> Callable[[], None]:
-        return lambda: dr.eval(mi.render(scene, integrator=integrator, spp=spp, seed=mi.UInt32(1)))
+        def once() -> None:
+            dr.eval(mi.render(scene, integrator=integrator, spp=spp, seed=mi.UInt32(1)))
+
+        return once
 
     rows = []
     for number, (name, description) in enumerate(INTEGRATORS.items()):

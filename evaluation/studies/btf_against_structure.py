@@ -116,17 +116,18 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         orders=config["orders"],
         dtype=np.float32,
     )
-    forms = {
-        "full": FullBtf.from_stack(stack),
+    full = FullBtf.from_stack(stack)
+    forms: dict[str, SpatialReflectance] = {
+        "full": full,
         "factored": FactoredBtf.from_stack(stack, tolerance=config["tolerance"]),
     }
     rows = []
     for angles in config["angles_deg"]:
-        sight = Sight(tuple(angles), pixels=config["pixels"])
+        sight = Sight(_four(angles), pixels=config["pixels"])
         rows += _compared("angle", tile, stack, forms, sight, config)
-        rows.append(_far(tile, stack, forms["full"], angles, config))
+        rows.append(_far(tile, stack, full, angles, config))
     for distance in config["distances_m"][1:]:
-        sight = Sight(tuple(config["angles_deg"][0]), distance, config["far"]["pixels"])
+        sight = Sight(_four(config["angles_deg"][0]), distance, config["far"]["pixels"])
         rows += _compared("distance", tile, stack, forms, sight, config)
     return rows + _speed(tile, forms, config)
 
@@ -187,11 +188,16 @@ def _compared(
     return rows
 
 
+def _four(angles_deg: Sequence[float]) -> tuple[float, float, float, float]:
+    theta_i, theta_v, phi_i, phi_v = angles_deg
+    return theta_i, theta_v, phi_i, phi_v
+
+
 def _far(
     tile: Tile, stack: BtfStack, btf: FullBtf, angles: Sequence[float], config: Config
 ) -> dict[str, Any]:
     """Compare the mean of the farthest picture with the ABRDF and with the structure's."""
-    sight = Sight(tuple(angles), config["distances_m"][-1], config["far"]["pixels"])
+    sight = Sight(_four(angles), config["distances_m"][-1], config["far"]["pixels"])
     wi, wv = sight.directions
     abrdf = float(evaluate(btf, wi[None], wv[None]).mean() * wi[2])
     seen = float(picture(btf_scene(tile, btf, sight), sensor(tile, sight), 2, 16).mean())
@@ -226,7 +232,7 @@ def _speed(
 ) -> list[dict[str, Any]]:
     """Time the first sight: the structure with direct light and with all orders, and the BTFs."""
     settings = config["speed"]
-    sight = Sight(tuple(config["angles_deg"][0]), pixels=settings["pixels"])
+    sight = Sight(_four(config["angles_deg"][0]), pixels=settings["pixels"])
     camera = sensor(tile, sight)
     scenes = {STRUCTURE: structure_scene(tile, sight)}
     scenes |= {form: btf_scene(tile, btf, sight) for form, btf in forms.items()}

@@ -110,7 +110,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     depth = (tile.height_mm[1] - tile.height_mm[0]) / tile.element_mm
     reference = _rendered(truth, config["picture"])
     exposure = display_exposure(reference)
-    rows = [picture_row("all", to_srgb8(reference, exposure))]
+    rows: list[dict[str, Any]] = [picture_row("all", to_srgb8(reference, exposure))]
     for method in config["methods"]:
         start = time.perf_counter()
         rebuilt = reconstruct_btf(images, method, angles=truth.angles)
@@ -190,7 +190,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
         trends[method] = (
             float(spearmanr(depth, [row["psnr"] for row in own]).statistic) if enough else None
         )
-    best = {}
+    best: dict[str, float] = {}
     for row in errors:
         best[row["material"]] = max(best.get(row["material"], -np.inf), row["psnr"])
     worst = sorted(best, key=lambda name: best[name])[:_WORST]

@@ -107,8 +107,8 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     try:
         with timed() as clock:
             made = METHODS[cell["method"]].run(Gonioreflectometer(), truth, cell["wished"])
-    except SimrigError as error:
-        return [{"refused": str(error)}]
+    except SimrigError as refused:
+        return [{"refused": str(refused)}]
     step = config["grid_step_deg"]
     end = min(LARGEST_THETA_DEG, float(np.degrees(truth.theta_max)))
     error = mre_estimate(

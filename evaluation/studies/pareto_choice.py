@@ -98,7 +98,7 @@ def summarise_rows(rows: Sequence[Mapping[str, Any]], materials: Sequence[str]) 
         ``name``, ``rows`` (with ``compute_seconds`` and ``front``: by metric, the costs on whose
         Pareto front the row is) and ``refused`` (method, wished samples, why).
     """
-    subjects = []
+    subjects: list[dict[str, Any]] = []
     for name in materials:
         own = [dict(row) for row in rows if row["material"] == name]
         done = [row for row in own if row["refused"] is None]

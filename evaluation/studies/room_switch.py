@@ -48,7 +48,7 @@ from simrig.evaluation.studies.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.room_switch_shown import encoded, plots, range_picture, table
 from simrig.scenes.room import ROOM_PARTS
 
-PUBLISHED = {  # Table 3.4
+PUBLISHED: dict[str, dict[str, Any]] = {  # Table 3.4
     "btf": {"fps": 8.3, "psnr": None},
     "brdf": {"fps": 20.2, "psnr": 46.3},
     "switched": {"fps": 11.8, "psnr": 58.6},
@@ -196,7 +196,7 @@ def _renders(scene: Room, rounds: int) -> tuple[dict[str, np.ndarray], dict[str,
 
         return once
 
-    timings = {}
+    timings: dict[str, Timing] = {}
     for form in FORMS:
         # one scene at a time: Dr.Jit traces every BSDF that lives, whichever scene it is of
         timings |= side_by_side({form: job(form, load(scene.scene(form)))}, rounds)

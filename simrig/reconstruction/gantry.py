@@ -143,9 +143,10 @@ class SubspaceNodes:
         count = measured.shape[2]
         phi = np.arange(count) * (2.0 * np.pi / count)
         theta = np.array(elevations)
-        grids = np.meshgrid(theta, theta, phi, phi, indexing="ij")
+        nodes = (g.ravel() for g in np.meshgrid(theta, theta, phi, phi, indexing="ij"))
+        theta_i, theta_v, phi_i, phi_v = nodes
         values = measured.reshape(-1, measured.shape[-1])
-        return cls(*(grid.ravel() for grid in grids), values, material)
+        return cls(theta_i, theta_v, phi_i, phi_v, values, material)
 
 
 def _by_rbf(

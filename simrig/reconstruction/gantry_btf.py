@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -45,8 +46,8 @@ def reconstruct_btf(
     angles = grid_angles(hemisphere_81()) if angles is None else np.asarray(angles)
     numbers = planned_images(measured, plan)
     stack = sliced_stack(measured, numbers, texel_method(plan, method, angles), angles, progress)
-    stack.provenance["method"] = f"gantry, method {method.upper()}, {plan.describe()}"
-    return stack
+    made = {"method": f"gantry, method {method.upper()}, {plan.describe()}"}
+    return replace(stack, provenance={**stack.provenance, **made})
 
 
 def planned_images(measured: BtfStack, plan: GantryPlan) -> np.ndarray:

@@ -63,8 +63,10 @@ def subspaces(
     _check(plan, values, combination)
     interpolate = SliceInterpolator(plan.knots(), values, interpolation)
     count = len(plan.elevations)
-    even = isinstance(azimuths, int | np.integer)
-    phi = np.arange(azimuths) * (_TURN / azimuths) if even else np.asarray(azimuths)
+    if isinstance(azimuths, int | np.integer):
+        phi = np.arange(azimuths) * (_TURN / azimuths)
+    else:
+        phi = np.asarray(azimuths)
     phi_i, phi_v = (grid.ravel() for grid in np.meshgrid(phi, phi, indexing="ij"))
     shape = (len(phi), len(phi), np.shape(values)[1])
     out = np.empty((count, count, *shape))

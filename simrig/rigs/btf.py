@@ -185,7 +185,7 @@ def _in_memory(
     dtype: type,
     progress: Callable[..., None] | None,
 ) -> BtfStack:
-    values = np.empty((len(angles), *camera.resolution, 3), dtype=dtype)
+    values: np.ndarray = np.empty((len(angles), *camera.resolution, 3), dtype=dtype)
     errors = np.empty(len(angles))
     for done, view in enumerate(views):
         images = camera.view(view.omega_v, view.lights, orders, view.number)

@@ -88,7 +88,7 @@ class TileCamera:
         self.shadowed = shadowed_lights(tile, lights)
         rays = float(len(lights)) * views * resolution[0] * resolution[1] * spp
         self.grid = shadow_grid(tile, self.scene, lights, self.shadowed, rays) if grid else None
-        self._lights = [mi.Float(aligned(np.float32(c))) for c in lights.T]
+        self._lights = [mi.Float(aligned(np.asarray(c, dtype=np.float32))) for c in lights.T]
         self._casts = mi.Bool(self.shadowed)
         self._reach = min(
             (p - 1) * side for p, side in zip(self.periods, tile.size_mm, strict=True)
@@ -126,7 +126,8 @@ class TileCamera:
         texels = n * width
         si = self._seen(omega_v, number, first * width, texels)
         weight: Any = None
-        values, apart = [], 0.0
+        values: list[np.ndarray] = []
+        apart: np.ndarray = np.zeros((len(lights), n, width, 3), dtype=np.float32)
         for order in range(orders):
             if order:
                 si, weight = self._bounced(si, weight, number, order, first * width, texels)
@@ -135,7 +136,7 @@ class TileCamera:
             values.append((even + odd) * np.float32(1.0 / self.spp))
             evens = (self.spp + 1) // 2
             apart = apart + even / np.float32(evens) - odd / np.float32(max(self.spp - evens, 1))
-        return np.stack(values), np.asarray(apart)
+        return np.stack(values), apart
 
     def _seen(self, omega_v: np.ndarray, number: int, first: int, texels: int) -> Any:
         """Return the hits of the camera's rays, sample by sample, texels fastest.
@@ -211,7 +212,7 @@ class TileCamera:
         """Return two random numbers in [0, 1) per index."""
         key = dr.opaque(mi.UInt32, _key(self.seed, number, stream))
         words = mi.sample_tea_32(index, key, 8)
-        return tuple(mi.Float(word >> 8) * 2.0**-24 for word in words)  # type: ignore[return-value]
+        return tuple(mi.Float(word >> 8) * 2.0**-24 for word in words)
 
     def _lit(self, si: Any, weight: Any, lights: np.ndarray, texels: int) -> list[np.ndarray]:
         """Return sums of f_r over even and odd samples, each (lights, texels, 3)."""
