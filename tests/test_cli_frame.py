@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Annotated
@@ -90,6 +91,20 @@ def act(*arguments: str):
 def test_a_failure_is_one_line_and_an_exit_code(how: str, code: int, message: str) -> None:
     result = act(how)
     assert (result.exit_code, result.stdout, result.stderr) == (code, "", message)
+
+
+def test_an_interrupt_is_not_lost_in_the_hook_that_repeats_it(monkeypatch) -> None:
+    """Even where starting the thread that sends it takes longer than that thread waits."""
+    start = threading.Thread.start
+
+    def start_slowly(thread: threading.Thread) -> None:
+        start(thread)
+        for _ in range(30):
+            time.sleep(0.01)
+
+    monkeypatch.setattr(threading.Thread, "start", start_slowly)
+    result = act("lost")
+    assert (result.exit_code, result.stderr) == (130, "interrupted: run it again to go on\n")
 
 
 def test_verbose_keeps_the_traceback() -> None:

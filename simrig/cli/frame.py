@@ -18,6 +18,7 @@ import inspect
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -159,9 +160,25 @@ def is_interrupt(error: Exception) -> bool:
 def _repeat_lost_interrupt(lost: Any) -> None:
     """Send Ctrl-C again when it came during a callback where Python can only drop it."""
     if isinstance(lost.exc_value, KeyboardInterrupt):
-        threading.Timer(0.05, _thread.interrupt_main).start()
+        threading.Thread(target=_interrupt_again, daemon=True).start()
     else:
         sys.__unraisablehook__(lost)
+
+
+def _interrupt_again() -> None:
+    """Send Ctrl-C once the main thread has left the hook, where it would be lost for good."""
+    time.sleep(0.05)
+    while _in_main_thread(_repeat_lost_interrupt):
+        time.sleep(0.05)
+    _thread.interrupt_main()
+
+
+def _in_main_thread(function: Callable) -> bool:
+    """Return whether the main thread is within a call of a function."""
+    frame = sys._current_frames().get(threading.main_thread().ident or 0)
+    while frame is not None and frame.f_code is not function.__code__:
+        frame = frame.f_back
+    return frame is not None
 
 
 def _one_line(error: Exception) -> str:
@@ -259,8 +276,6 @@ def progress(label: str) -> Iterator[Callable[..., None]]:
         ``report(done, total, stage=None)``: numbers of steps, and what is being done now. Cheap
         enough to be called per sample. Nothing is shown where standard error is no terminal.
     """
-    from time import monotonic
-
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
@@ -273,7 +288,7 @@ def progress(label: str) -> Iterator[Callable[..., None]]:
 
         def report(done: float, total: float, stage: str | None = None) -> None:
             nonlocal last
-            now = monotonic()
+            now = time.monotonic()
             if now - last < 0.05 and done < total:
                 return
             last = now
