@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -149,6 +150,38 @@ def test_a_tile_covers_its_size(name: str) -> None:
     assert np.all(vertices[:, :2].min(axis=0) <= _SAME_PLACE_MM)
     assert np.all(vertices[:, :2].max(axis=0) >= np.array(tile.size_mm) - _SAME_PLACE_MM)
     assert tile.height_mm == (vertices[:, 2].min(), vertices[:, 2].max())
+
+
+def slowest_wave(tile: Tile) -> float:
+    """Return the amplitude, over the mean, of the strongest wave longer than 1.5 elements.
+
+    In the displayed colour of a height field under a light at 60°; such waves are what the eye
+    follows from one period to the next.
+    """
+    surface_part = tile.parts[0]
+    columns = len(np.unique(surface_part.vertices[:, 0]))
+    shape = (len(surface_part.vertices) // columns, columns, 3)
+    normals, colours = surface_part.normals.reshape(shape), surface_part.colours.reshape(shape)
+    light = np.array([np.sin(np.pi / 3.0), 0.0, np.cos(np.pi / 3.0)])
+    shade = (colours.mean(axis=2) * np.clip(normals @ light, 0.0, 1.0))[:-1, :-1]
+    waves = 2.0 * np.abs(np.fft.fft2(shade / shade.mean())) / shade.size
+    across, along = (
+        np.fft.fftfreq(count, side / count)
+        for count, side in zip(shade.shape[::-1], tile.size_mm, strict=True)
+    )
+    frequency = np.hypot(along[:, None], across)
+    return float(waves[(frequency > 0.0) & (frequency < 1.0 / (1.5 * tile.element_mm))].max())
+
+
+@pytest.mark.parametrize("name", ["wood_walnut", "wood_wenge", "leather_cognac"])
+def test_no_slow_wave_shows_where_a_tile_repeats(name: str) -> None:
+    """0.073 for walnut and 0.055 for the rough leather when their repetition was seen."""
+    assert slowest_wave(build_tile(name)) < 0.05
+
+
+def test_a_clear_patch_would_be_found() -> None:
+    uneven = replace(PRESETS["leather_cognac"].structure, unevenness=0.5, size_mm=(22.0, 22.0))
+    assert slowest_wave(replace(PRESETS["leather_cognac"], structure=uneven)()) > 0.05
 
 
 def test_a_satin_floats_over_all_but_one() -> None:

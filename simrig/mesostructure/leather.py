@@ -26,6 +26,8 @@ class Leather:
         regularity: Lloyd steps towards equal pebbles; embossed leather is more even.
         warp: how far creases wander, over the distance of the pebbles.
         stretch: pebbles are that much longer along y.
+        unevenness: how much the depth varies from place to place, as a share of it; a few deep
+            places in a tile show where it repeats.
         wrinkle: height of fine wrinkles, mm.
         pores: hair pores per mm².
         fine: a second, finer set of creases, as a share of the depth.
@@ -44,6 +46,7 @@ class Leather:
     regularity: int = 2
     warp: float = 0.12
     stretch: float = 1.0
+    unevenness: float = 0.25
     wrinkle: float = 0.006
     pores: float = 0.0
     fine: float = 0.0
@@ -67,7 +70,8 @@ class Leather:
         """Return the surface."""
         grid = Grid.of(self.size_mm, resolution)
         dome, pebbles = self._pebbles(grid, self.pebble, rng)
-        deep = np.clip(0.75 + 0.25 * band_noise(grid, 2.0 * self.pebble, rng), 0.35, 1.1)
+        deep = 1.0 - self.unevenness + self.unevenness * band_noise(grid, 2.0 * self.pebble, rng)
+        deep = np.clip(deep, 0.35, 1.1)
         height = self.depth * deep * (dome - 1.0)
         if self.fine > 0.0:
             small, _ = self._pebbles(grid, 0.33 * self.pebble, rng)

@@ -24,6 +24,7 @@ class Spindles(NamedTuple):
         per_mm2: number per area.
         colour: linear RGB albedo of the middle of a mark.
         depth: of a groove, mm; 0 for marks of colour only.
+        evenness: Lloyd steps towards equal distances; clumps of marks show where a tile repeats.
     """
 
     length: float
@@ -31,6 +32,7 @@ class Spindles(NamedTuple):
     per_mm2: float
     colour: RGB
     depth: float = 0.0
+    evenness: int = 0
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class Wood:
         waviness: sideways wander of the rings, over their distance.
         vessels, rays: see ``Spindles``.
         clustering: vessels gather in the early wood, 0 to 1.
+        streak: length of the broad streaks of colour, mm; those much longer than the tile run
+            through, and no patch repeats with it.
         fibre_relief: height of the fibres, mm.
         roughness, specular: of the finish, see ``simrig.mesostructure.looks.solid``.
 
@@ -59,14 +63,15 @@ class Wood:
     vessels: Spindles
     rays: Spindles
     clustering: float = 0.0
+    streak: float = 12.0
     fibre_relief: float = 0.006
     roughness: float = 0.38
     specular: float = 0.25
 
     def __post_init__(self) -> None:
         marks = [v for s in (self.vessels, self.rays) for v in (s.length, s.width, s.per_mm2)]
-        if not min(*self.size_mm, *marks) > 0.0 or self.rings < 1:
-            raise SimrigError("wood needs a tile, marks and a number of rings > 0")
+        if not min(*self.size_mm, self.streak, *marks) > 0.0 or self.rings < 1:
+            raise SimrigError("wood needs a tile, marks, streaks and a number of rings > 0")
 
     @property
     def element_mm(self) -> float:
@@ -77,7 +82,8 @@ class Wood:
         """Return the surface; its gloss spreads across the fibres."""
         grid = Grid.of(self.size_mm, resolution)
         late = self._rings(grid, rng)
-        streaks = band_noise(grid, (0.12, 5.0), rng) + 0.7 * band_noise(grid, (0.5, 12.0), rng)
+        streaks = band_noise(grid, (0.12, 5.0), rng)
+        streaks += 0.7 * band_noise(grid, (0.5, self.streak), rng)
         share = np.clip(late + 0.10 * streaks, 0.0, 1.0)[..., None]
         colour = np.asarray(self.light) * (1.0 - share) + np.asarray(self.dark) * share
         colour *= 1.0 + 0.05 * band_noise(grid, (0.06, 1.5), rng)[..., None]
@@ -111,7 +117,7 @@ def spindles(
         rng: random generator.
         likely: (rows, columns) chance to keep a mark at a place, 0 to 1; None keeps all.
     """
-    centres = scattered(grid.size_mm, marks.per_mm2**-0.5, rng, relaxation=0)
+    centres = scattered(grid.size_mm, marks.per_mm2**-0.5, rng, marks.evenness)
     if likely is not None:
         centres = centres[rng.random(len(centres)) < grid.sample(likely, *centres.T)]
     count = len(centres)
