@@ -94,6 +94,8 @@ def _connected(scheduler: str | None, workers: int) -> Iterator[Any]:
                 processes=True,
                 memory_limit=0,  # the system's; Dask would kill a worker at its share
                 dashboard_address=None,
+                # its server listens all the same; other studies may have taken its usual port
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                 silence_logs=logging.CRITICAL,
             )
             yield stack.enter_context(Client(stack.enter_context(cluster)))
