@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
+from command_line import done, simrig
 from simrig import backend
-from simrig.cli.app import app
 from simrig.effects import Bound, parse_tolerance
 from simrig.evaluation.ablation import (
     LEFT_OUT,
@@ -161,22 +159,18 @@ def test_exact_direct_light_is_the_light_of_path_tracing() -> None:
 
 
 def test_the_command_finds_a_planted_defect(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    in_empty_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A planner that believes there is no inter-reflection is caught, with exit code 2."""
-    monkeypatch.chdir(tmp_path)
     arguments = ["ablate", "bright_corner", "--material", "lambert", "--resolution", "20"]
-    arguments += ["--tolerance", "dE=2", "--json"]
-    run: Callable[[], Any] = lambda: CliRunner().invoke(app, arguments)  # noqa: E731
-    sound = run()
-    assert sound.exit_code == 0, sound.output
-    data = json.loads(sound.stdout)
+    arguments += ["--tolerance", "dE=2"]
+    data = done(*arguments)
     assert data["violations"] == [] and data["scene"] == "bright_corner"
     assert {"effect", "bound", "measured", "noise", "seconds"} <= data["rows"][0].keys()
     monkeypatch.setattr(
         effects.InterReflection, "bound", lambda *_: Bound(0.0, "dE", "planted defect")
     )
-    defective = run()
+    defective = simrig(*arguments, "--json")
     assert defective.exit_code == 2
     found = {r["effect"] for r in json.loads(defective.stdout)["violations"]}
     assert "inter-reflection" in found and "planned render" in found

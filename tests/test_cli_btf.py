@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from simrig.cli.app import app
+from command_line import done, refusal, simrig
 from simrig.cli.schemes import named_scheme
 from simrig.data.btf_hdf5 import read_btf, write_btf
 from simrig.data.load import load_material
@@ -21,18 +20,8 @@ from simrig.reflectance.btf_synthetic import bumps
 from simrig.reflectance.protocol import evaluate
 from simrig.rigs.btf import by_view
 
-
-def call(*arguments: str | Path) -> str:
-    result = CliRunner().invoke(app, ["btf", *map(str, arguments)])
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(*arguments: str | Path) -> str:
-    result = CliRunner().invoke(app, ["btf", *map(str, arguments)])
-    assert result.exit_code == 2, result.output
-    assert len(result.stderr.strip().splitlines()) == 1
-    return result.stderr
+made = partial(done, "btf")
+refused = partial(refusal, "btf")
 
 
 @pytest.fixture
@@ -45,13 +34,13 @@ def pairs(tmp_path: Path) -> Path:
 def test_measure_info_convert_and_back(tmp_path: Path, pairs: Path) -> None:
     file, folder, again = tmp_path / "a.h5", tmp_path / "pictures", tmp_path / "b.h5"
     small = ("--resolution", "6", "--spp", "2", "--orders", "2", "--pairs", pairs)
-    said = json.loads(call("measure", "leather_nappa", "--output", file, *small, "--json"))
+    said = made("measure", "leather_nappa", "--output", file, *small)
     assert said["images"] == 3
     assert said["provenance"]["orders"] == 2
     assert said["standard_error"] > 0.0
-    assert "leather_nappa" in call("info", file)
-    call("convert", file, folder)
-    call("convert", folder, again)
+    assert "leather_nappa" in simrig("btf", "info", file).stdout
+    made("convert", file, folder)
+    made("convert", folder, again)
     first, second = read_btf(file), read_btf(again)
     assert second.size_mm == first.size_mm
     order = [np.argmin(np.abs(first.angles - a).sum(axis=1)) for a in second.angles]
@@ -63,7 +52,7 @@ def test_the_average_of_a_btf_renders_as_a_material(tmp_path: Path) -> None:
     stack = bumps((4, 4), (8.0, 8.0), "uniform_1")
     file, brdf = tmp_path / "bumps.h5", tmp_path / "brdf.h5"
     write_btf(file, stack)
-    call("average", file, "--output", brdf)
+    made("average", file, "--output", brdf)
     wi, wv = stack.directions
     found = evaluate(load_material(str(brdf)), wi, wv)
     expected = np.stack([np.asarray(v, dtype=np.float64).mean(axis=(0, 1)) for v in stack.values])

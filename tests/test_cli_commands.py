@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from simrig.cli.app import app
+from command_line import done, refusal, simrig
 from simrig.data.images import read_image
 from simrig.data.load import FORMATS, MATERIALS
 from simrig.directions.schemes import uniform_scheme
@@ -24,36 +23,10 @@ from simrig.evaluation.studies.base import Study
 from simrig.rigs.measurement import Measurement
 from simrig.scenes import SCENES
 
+pytestmark = pytest.mark.usefixtures("in_empty_folder")
+
 SMALL_PLAN = ("--samples", "300", "--elevation-step", "40", "--azimuth-step", "120")
 MEASURE = ("measure", "wood01", "--output", "m.h5")
-
-
-@pytest.fixture(autouse=True)
-def in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def simrig(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
-
-
-def done(*arguments: str) -> dict:
-    """Run with --json and return the object; fails where the command does."""
-    result = simrig(*arguments, "--json")
-    assert result.exit_code == 0, result.output
-    assert result.stderr == ""
-    return json.loads(result.stdout)
-
-
-def refusal(*arguments: str) -> str:
-    """Run and return the one line that refuses the input."""
-    result = simrig(*arguments)
-    assert result.exit_code == 2, result.output
-    assert result.stdout == ""
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
-    return result.stderr
 
 
 def test_materials_lists_materials_and_scenes() -> None:

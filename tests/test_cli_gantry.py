@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from simrig.cli.app import app
+from command_line import done, refusal
 from simrig.data.load import load_material
 from simrig.rigs.gantry import GantryMeasurement
 
-
-@pytest.fixture(autouse=True)
-def in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-def simrig(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
-
-
-def done(*arguments: str) -> dict:
-    result = simrig(*arguments, "--json")
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
-
-
-def refusal(*arguments: str) -> str:
-    result = simrig(*arguments)
-    assert result.exit_code == 2, result.output
-    assert result.stdout == "" and result.stderr.count("\n") == 1
-    return result.stderr
+pytestmark = pytest.mark.usefixtures("in_empty_folder")
 
 
 @pytest.fixture

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import OpenEXR
 import pytest
-from typer.testing import CliRunner, Result
 
-from simrig.cli.app import app
+from command_line import done, refusal, simrig
 from simrig.cli.effect_options import tell_forces_apart
 from simrig.data.images import read_image
+
+pytestmark = pytest.mark.usefixtures("in_empty_folder")
 
 SMALL = ("--resolution", "24")
 SCENE = """<scene version="3.0.0">
@@ -28,28 +29,6 @@ SCENE = """<scene version="3.0.0">
     <shape type="sphere"><bsdf type="simrig_kurt"/></shape>
     <emitter type="point"><point name="position" x="2" y="3" z="4"/></emitter>
 </scene>"""
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-def simrig(*arguments: str) -> Result:
-    return CliRunner().invoke(app, [*arguments])
-
-
-def done(*arguments: str) -> dict:
-    result = simrig(*arguments, "--json")
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
-
-
-def refused(*arguments: str) -> str:
-    result = simrig(*arguments)
-    assert result.exit_code == 2, result.output
-    assert len(result.stderr.strip().splitlines()) == 1
-    return result.stderr
 
 
 def switched_on(plan: dict) -> set[str]:
@@ -119,16 +98,16 @@ def test_the_user_overrides_the_planner() -> None:
     ],
 )
 def test_bad_input_is_refused_in_one_line(arguments: list[str], message: str) -> None:
-    assert message in refused(*arguments)
+    assert message in refusal(*arguments)
 
 
 def test_a_file_that_is_no_scene_is_refused() -> None:
     Path("a.xml").write_text("<scene")
-    assert "no XML" in refused("plan", "a.xml")
+    assert "no XML" in refusal("plan", "a.xml")
     Path("b.xml").write_text("<html/>")
-    assert "no Mitsuba scene" in refused("plan", "b.xml")
+    assert "no Mitsuba scene" in refusal("plan", "b.xml")
     Path("c.xml").write_text(SCENE.replace("simrig_kurt", "simrig_curt"))
-    assert "cannot build" in refused("plan", "c.xml")
+    assert "cannot build" in refusal("plan", "c.xml")
 
 
 def test_force_means_a_file_alone_and_an_effect_with_one() -> None:
@@ -238,9 +217,9 @@ def test_broken_scene_files_are_refused_in_one_line(command: str, defect: str) -
     text, message = BROKEN[defect]
     Path("broken.xml").write_text(text)
     if command == "plan":
-        assert message in refused("plan", "broken.xml")
+        assert message in refusal("plan", "broken.xml")
     else:
-        assert message in refused("render", "--scene", "broken.xml", "--output", "x.exr")
+        assert message in refusal("render", "--scene", "broken.xml", "--output", "x.exr")
         assert not Path("x.exr").exists()
 
 
@@ -255,4 +234,4 @@ def test_broken_scene_files_are_refused_in_one_line(command: str, defect: str) -
 )
 def test_a_scene_file_takes_no_other_options(arguments: list[str], message: str) -> None:
     Path("scene.xml").write_text(SCENE)
-    assert message in refused("render", *arguments, "--output", "x.exr")
+    assert message in refusal("render", *arguments, "--output", "x.exr")

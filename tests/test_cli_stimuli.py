@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from simrig.cli.app import app
+from command_line import done, refusal, simrig
 from simrig.cli.schemes import named_scheme
 from simrig.data.images import read_image
 from simrig.directions.schemes import hemisphere_81, uniform_scheme
@@ -19,23 +18,14 @@ from simrig.evaluation import stimuli
 SMALL = ("--texels", "4", "--directions", "1", "--spp", "1", "--resolution", "48")
 
 
-def call(*arguments: str | Path) -> dict:
-    result = CliRunner().invoke(app, ["stimuli", *map(str, arguments), "--json"])
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
-
-
-def refused(*arguments: str | Path) -> str:
-    result = CliRunner().invoke(app, ["stimuli", *map(str, arguments)])
-    assert result.exit_code == 2, result.output
-    assert len(result.stderr.strip().splitlines()) == 1
-    return result.stderr
+made = partial(done, "stimuli")
+refused = partial(refusal, "stimuli")
 
 
 @pytest.mark.slow
 def test_cylinders_become_a_picture(tmp_path: Path) -> None:
     path = tmp_path / "bumps.exr"
-    about = call("cylinders", "bumps", "--output", path, *SMALL)
+    about = made("cylinders", "bumps", "--output", path, *SMALL)
     picture = read_image(path)
     assert about["size"] == [48, 27] and picture.shape == (27, 48, 3)
     assert picture.max() > 0.0 and about["exposure"] == 1.0
@@ -56,9 +46,9 @@ def test_an_interrupted_film_goes_on_with_the_missing_frame(
 
     with monkeypatch.context() as patch:
         patch.setattr(stimuli, "write_png", interrupted)
-        result = CliRunner().invoke(app, ["stimuli", *map(str, film)])
+        result = simrig("stimuli", *film)
     assert result.exit_code == 130 and "goes on" in result.stderr
-    assert call(*film)["rendered"] == 1
+    assert made(*film)["rendered"] == 1
     assert len(list((tmp_path / "film").glob("frame_*.png"))) == 2
 
 
@@ -70,7 +60,7 @@ def test_a_folder_of_something_else_takes_no_film(tmp_path: Path) -> None:
 
 def test_the_chessboard_comes_with_its_widths(tmp_path: Path) -> None:
     path = tmp_path / "chessboard.png"
-    about = call("chessboard", "--output", path, "--resolution", "96", "--spp", "1")
+    about = made("chessboard", "--output", path, "--resolution", "96", "--spp", "1")
     assert path.read_bytes().startswith(b"\x89PNG")
     assert len(about["widths"]) == 20 and about["exposure"] > 0.0
 
@@ -84,7 +74,7 @@ def test_the_room_becomes_a_picture(tmp_path: Path, form: str, options: tuple[st
 
     bumps = [word for part in ROOM_PARTS for word in ("--material", f"{part}=bumps")]
     path = tmp_path / "room.exr"
-    about = call("room", "--output", path, "--form", form, *bumps, *SMALL, *options)
+    about = made("room", "--output", path, "--form", form, *bumps, *SMALL, *options)
     assert read_image(path).shape == (27, 48, 3)
     assert set(about["distances_mm"].values()) == ({3000.0} if options else set())
 

@@ -11,9 +11,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from simrig.cli.app import app
+from command_line import done, simrig
 from simrig.effects import parse_tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation.convergence import INTEGRATORS, converge, result_so_far
@@ -243,16 +242,12 @@ def test_csv_and_plot_hold_every_setting(corner: Any, tmp_path: Path) -> None:
     assert convergence_plot(corner, tmp_path / "c.png").startswith(b"\x89PNG")
 
 
-def test_the_command_prints_and_writes_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("in_empty_folder")
+def test_the_command_prints_and_writes_the_same(tmp_path: Path) -> None:
     (tmp_path / "scene.xml").write_text(SCENE_FILE)
     arguments = ["converge", "scene.xml", "--tolerance", "relative=0.05", "--budget-seconds", "2"]
-    arguments += ["--integrator", "direct", "--sampler", "independent", "--output", "out", "--json"]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0, result.output
-    data = json.loads(result.stdout)
+    arguments += ["--integrator", "direct", "--sampler", "independent", "--output", "out"]
+    data = done(*arguments)
     assert data["scene"] == "scene.xml" and data["unit"] == "relative radiance"
     assert data["cheapest"]["integrator"] == "direct"
     assert {"rows", "rates", "reference", "left_out"} <= data.keys()
@@ -317,24 +312,22 @@ def test_a_ledger_that_cannot_be_read_is_empty(tmp_path: Path) -> None:
     assert Ledger.kept_in(tmp_path).reference is None
 
 
+@pytest.mark.usefixtures("in_empty_folder")
 @pytest.mark.parametrize("output", [(), ("--output", "out")])
 def test_ctrl_c_shows_what_there_is_and_the_same_command_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: tuple[str, ...]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.xml").write_text(SCENE_FILE)
     arguments = ["converge", "scene.xml", "--integrator", "direct", "--sampler", "independent"]
-    arguments += ["--tolerance", "relative=0.05", "--json", *output]
+    arguments += ["--tolerance", "relative=0.05", *output]
     with monkeypatch.context() as patch:
         interrupted_after(2, patch)
-        stopped = CliRunner().invoke(app, arguments)
+        stopped = simrig(*arguments, "--json")
     assert stopped.exit_code == 130, stopped.output
     shown = json.loads(stopped.stdout)
     assert shown["interrupted"] and len(shown["rows"]) == 2
     assert not (tmp_path / "out").exists()
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0, done.output
-    data = json.loads(done.stdout)
+    data = done(*arguments)
     assert (data["rows"][:2] == shown["rows"]) is bool(output), "seconds tell whether it went on"
     if output:
         assert not list((tmp_path / "out").glob(".convergence*"))

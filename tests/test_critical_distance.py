@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from simrig.cli.app import app
+from command_line import done, refusal, simrig
 from simrig.data.btf_hdf5 import write_btf
 from simrig.data.images import decode_srgb, read_image, write_png
 from simrig.errors import SimrigError
@@ -272,55 +270,38 @@ def test_fits_of_the_study_find_a_planted_model() -> None:
     assert critical_distance.table(summary)
 
 
-def simrig(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
-
-
-def refusal(*arguments: str) -> str:
-    result = simrig(*arguments)
-    assert result.exit_code == 2, result.output
-    assert result.stderr.startswith("error: ") and result.stderr.count("\n") == 1
-    return result.stderr
-
-
 def test_the_distance_of_a_picture_and_of_a_btf(tmp_path: Path) -> None:
     write_png(tmp_path / "cloth.png", striped(2.5))
-    result = simrig("distance", str(tmp_path / "cloth.png"), "--size-mm", "40", "--json")
-    seen = json.loads(result.stdout)
+    seen = done("distance", tmp_path / "cloth.png", "--size-mm", "40")
     assert seen["structure_mm"] == pytest.approx(2.5, abs=PIXEL_MM)
     assert set(seen["distances_m"]) == set(PREDICTING) and seen["compute_seconds"] > 0.0
-    by_hand = simrig(
-        *("distance", str(tmp_path / "cloth.png"), "--size-mm", "40", "--structure-mm", "5")
-    )
+    sizes = ("--size-mm", "40", "--structure-mm", "5")
+    by_hand = simrig("distance", tmp_path / "cloth.png", *sizes)
     assert "S = 5 mm, given" in by_hand.stdout
 
     write_btf(tmp_path / "cloth.h5", lit_stack(striped(2.5)[:4, :50], (2.5, 0.2)))
-    btf = json.loads(simrig("distance", str(tmp_path / "cloth.h5"), "--json").stdout)
+    btf = done("distance", tmp_path / "cloth.h5")
     assert btf["structure_mm"] == pytest.approx(2.5, abs=PIXEL_MM)
 
 
 def test_bad_distances_are_refused(tmp_path: Path) -> None:
     write_png(tmp_path / "cloth.png", striped(2.5))
-    assert "--size-mm" in refusal("distance", str(tmp_path / "cloth.png"))
+    assert "--size-mm" in refusal("distance", tmp_path / "cloth.png")
     assert "--size-mm" in refusal("distance", "twill_blue", "--size-mm", "4")
     assert "did you mean 'twill_blue'" in refusal("distance", "twil_blue")
-    assert "no" in refusal("distance", str(tmp_path / "missing.h5"))
-    assert "> 0 mm" in refusal("distance", str(tmp_path / "cloth.png"), "--size-mm", "0")
+    assert "no" in refusal("distance", tmp_path / "missing.h5")
+    assert "> 0 mm" in refusal("distance", tmp_path / "cloth.png", "--size-mm", "0")
 
 
 def test_a_map_from_the_command_line(tmp_path: Path, variant_llvm: str) -> None:
     scene, output = tmp_path / "squares.xml", tmp_path / "map.png"
     scene.write_text(SQUARES_XML)
-    common = ("distance-map", str(scene), "--output", str(output))
+    common = ("distance-map", scene, "--output", output)
     assert "NAME=DISTANCE" in refusal(*common, "--critical", "wood")
     assert "above 0" in refusal(*common, "--critical", "wood=-3")
-    result = simrig(
-        *common, "--critical", "wood=2", "--critical", "cloth=4", "--spp", "1", "--json"
-    )
-    assert result.exit_code == 0, result.output
-    found = json.loads(result.stdout)
+    found = done(*common, "--critical", "wood=2", "--critical", "cloth=4", "--spp", "1")
     assert found["critical_m"] == {"wood": 2.0, "cloth": 4.0}
     assert found["shares"]["not visible: a BRDF is enough"] == pytest.approx(0.5)
     assert output.stat().st_size > 1000
     assert "--force" in refusal(*common)
-    assert ".png" in refusal("distance-map", str(scene), "--output", str(tmp_path / "map.exr"))
+    assert ".png" in refusal("distance-map", scene, "--output", tmp_path / "map.exr")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from simrig.cli.app import app
+from command_line import done, refusal, simrig
 from simrig.data.load import save_material
 from simrig.errors import SimrigError
 from simrig.evaluation.methods import METHODS
@@ -174,23 +172,16 @@ def test_the_study_resumes_and_refuses_what_is_too_few(
         run_study(pareto.STUDY, {**SMALL, "samples": [435]}, tmp_path)
 
 
-def simrig(*arguments: str) -> Result:
-    return CliRunner().invoke(app, ["pareto", *arguments])
-
-
 @pytest.fixture
-def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
+def small(in_empty_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     keys = ("directions", "grid_step_deg", "pixels", "lights")
     monkeypatch.setattr(pareto, "_STUDIED", {**{k: SMALL[k] for k in keys}, "seed": 0})
-    return tmp_path
+    return in_empty_folder
 
 
 def test_the_command_writes_a_table_and_says_what_to_choose(small: Path) -> None:
     options = ("--method", "slices", "--samples", "435,60", "--output", "out")
-    result = simrig("wood01", *options, "--budget-hours", "3", "--json")
-    assert result.exit_code == 0, result.output
-    data = json.loads(result.stdout)
+    data = done("pareto", "wood01", *options, "--budget-hours", "3")
     assert data["configuration"]["samples"] == [60, 435]
     assert data["advice"][0]["row"]["samples"] == 60
     with (small / "out" / "pareto.csv").open() as stream:
@@ -199,7 +190,7 @@ def test_the_command_writes_a_table_and_says_what_to_choose(small: Path) -> None
     seconds = {f"{part}_seconds" for part in ("sampling", "reconstruction", "rendering", "compile")}
     assert len(rows) == 2 and rows[0].keys() >= fronts | seconds | {"hardware_hours", "bytes"}
     assert rows[0]["mre_over_hours"] == "True"
-    text = simrig("wood01", *options, "--error", "0.0001", "--metric", "dE").stdout
+    text = simrig("pareto", "wood01", *options, "--error", "0.0001", "--metric", "dE").stdout
     assert "wood01, for mean ΔE ≤ 0.0001: nothing that was tried will do" in " ".join(text.split())
 
 
@@ -227,9 +218,7 @@ def test_a_file_that_changed_is_another_configuration(small: Path) -> None:
     ],
 )
 def test_bad_input_is_refused_in_one_line(
-    arguments: tuple[str, ...], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: tuple[str, ...], words: str, in_empty_folder: Path
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = simrig(*arguments)
-    assert result.exit_code == 2 and result.stderr.count("\n") == 1
-    assert words in result.stderr and not list(tmp_path.iterdir())
+    assert words in refusal("pareto", *arguments)
+    assert not list(in_empty_folder.iterdir())

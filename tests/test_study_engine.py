@@ -22,6 +22,7 @@ from simrig.evaluation.studies import distributed
 from simrig.evaluation.studies.base import Study
 from simrig.evaluation.studies.engine import load_results, run_study
 from simrig.evaluation.studies.storage import CONFIGURATION, cell_key, plain, write_table
+from studies_for_workers import SQUARES
 
 HERE = Path(__file__).parent
 
@@ -29,10 +30,7 @@ HERE = Path(__file__).parent
 @pytest.fixture
 def squares(monkeypatch: pytest.MonkeyPatch) -> Study:
     """Return a study that this process and its workers import from the same file."""
-    monkeypatch.syspath_prepend(str(HERE))
     monkeypatch.setenv("PYTHONPATH", str(HERE))
-    from studies_for_workers import SQUARES
-
     return SQUARES
 
 
