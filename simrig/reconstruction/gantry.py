@@ -23,12 +23,17 @@ from simrig.reconstruction.gantry_elevations import Blend, fill_elevations, line
 from simrig.reconstruction.gantry_subspace import default_combination, subspaces
 from simrig.reconstruction.rbf import NEIGHBOURS, reconstruct_rbf
 from simrig.reconstruction.transport import transport_library, transport_rows, transport_subspaces
+from simrig.reconstruction.transport_circle import transport_circle
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.resample import resample_dense
 from simrig.sampling.gantry import GantryPlan
 
 METHODS = ("a", "b", "bd")
-TRANSPORTS: dict[str, Blend] = {"rows": transport_rows, "subspaces": transport_subspaces}
+TRANSPORTS: dict[str, Blend] = {
+    "rows": transport_rows,
+    "subspaces": transport_subspaces,
+    "circle": transport_circle,
+}
 RBF_AZIMUTHS = 24  # of the nodes of method A: 15°, the thesis's
 MOST_GLOBAL_NODES = 6000  # of one system: three elevations
 
@@ -79,7 +84,8 @@ def reconstruct_gantry(
             ``simrig.reconstruction.gantry_subspace``; by default what fits the plan.
         interpolation: along the slices, see there.
         transport: for method BD: ``"rows"`` moves mass along the azimuth of the direction whose
-            elevation changes, ``"subspaces"`` over both azimuths (at most 36 of them).
+            elevation changes, ``"subspaces"`` over both azimuths (at most 36 of them);
+            ``"circle"`` moves it as ``"rows"``, by a faster algorithm without POT.
 
     Raises:
         SimrigError: unknown names, sizes that cannot be, POT missing for method BD.
@@ -93,7 +99,7 @@ def reconstruct_gantry(
             f"a table of {azimuths} azimuths and elevation steps of {theta_step_deg:g}° cannot be: "
             "at least 2 azimuths and steps from 0.5 to 90 degrees are needed"
         )
-    if method == "bd":
+    if method == "bd" and transport != "circle":
         transport_library()
     plan = measurement.plan
     known = np.array(plan.elevations)

@@ -27,16 +27,18 @@ def reconstruct_btf(
     *,
     plan: GantryPlan | None = None,
     angles: np.ndarray | None = None,
+    transport: str = "circle",
     progress: Callable[..., None] | None = None,
 ) -> BtfStack:
     """Return the stack of all pairs that the slices of a gantry give, texel by texel.
 
     Args:
         measured: has, among others perhaps, the images of the plan, in any order.
-        method: of the gantry: ``"a"``, ``"b"`` or ``"bd"`` (slow; needs POT).
+        method: of the gantry: ``"a"``, ``"b"`` or ``"bd"``.
         plan: by default the thesis's with 168 images.
         angles: theta_i, theta_v, phi_i, phi_v of the wanted pairs in radians, (pairs, 4); all of
             81 × 81 directions by default.
+        transport: for method BD, see ``simrig.reconstruction.gantry_displacement``.
         progress: called with texels done and in total.
 
     Raises:
@@ -45,8 +47,10 @@ def reconstruct_btf(
     plan = plan or GantryPlan()
     angles = grid_angles(hemisphere_81()) if angles is None else np.asarray(angles)
     numbers = planned_images(measured, plan)
-    stack = sliced_stack(measured, numbers, texel_method(plan, method, angles), angles, progress)
-    made = {"method": f"gantry, method {method.upper()}, {plan.describe()}"}
+    rebuild = texel_method(plan, method, angles, transport)
+    stack = sliced_stack(measured, numbers, rebuild, angles, progress)
+    how = f"method BD, transport '{transport}'" if method == "bd" else f"method {method.upper()}"
+    made = {"method": f"gantry, {how}, {plan.describe()}"}
     return replace(stack, provenance={**stack.provenance, **made})
 
 

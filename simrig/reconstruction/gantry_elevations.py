@@ -17,13 +17,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simrig.reflectance.lafortune import fit_lafortune
+from simrig.reflectance.lafortune import FIT_EXPONENTS, fit_lafortune
 
 # values at two elevations (2, rows, columns, 3), weights (t,) -> (t, rows, columns, 3); the last
 # argument is the axis (0 rows, 1 columns) whose elevation changes
 Blend = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 
 _FLAT = 1e-9  # of the change of the logarithm along an interval: the limit is exact there
+_SAME_ANGLE = 1e-6  # radians between elevations that are one
 
 
 def linear(ends: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
@@ -96,3 +97,52 @@ def _line(
             weights = np.clip(interval_weights(wanted[inside], known[ends], exponent), 0.0, 1.0)
             out[inside] = blend(values[ends], weights, axis)
     return out
+
+
+def line_weights(means: np.ndarray, known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return what measured elevations count at wanted ones, by the course of Lafortune's model.
+
+    As ``fill_elevations`` does it along one line, for many. Of two elevations the exponent is the
+    quotient of two logarithms; of more it is the median of all slopes (Theil and Sen), without the
+    least squares that follow for a single reflectance.
+
+    Args:
+        means: mean f_r at the known elevations, (lines, n, texels).
+        known: (n,) in radians, increasing.
+        wanted: (t,) in radians, none above the last known one.
+
+    Returns:
+        (lines, t, n, texels).
+    """
+    x, x_wanted = np.log(np.cos(known)), np.log(np.cos(wanted))
+    exponent = _exponents(means, x)
+    out = np.zeros((len(means), len(wanted), len(known), means.shape[-1]))
+    interval = np.clip(np.searchsorted(known, wanted, side="right") - 1, 0, len(known) - 2)
+    for number, (first, place) in enumerate(zip(interval.tolist(), x_wanted, strict=True)):
+        same = np.abs(known - wanted[number]) < _SAME_ANGLE
+        if same.any():
+            out[:, number, same] = 1.0
+            continue
+        if wanted[number] < known[0]:
+            out[:, number, 0] = np.exp(exponent * (place - x[0]))
+            continue
+        change = exponent * (x[first + 1] - x[first])
+        flat = np.abs(change) < _FLAT
+        share = (place - x[first]) / (x[first + 1] - x[first])
+        course = np.expm1(change * share) / np.expm1(np.where(flat, 1.0, change))
+        second = np.clip(np.where(flat, share, course), 0.0, 1.0)
+        out[:, number, first], out[:, number, first + 1] = 1.0 - second, second
+    return out
+
+
+def _exponents(means: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the exponents (lines, texels) of means (lines, n, texels); 0 where none is known."""
+    first, second = np.triu_indices(len(x), 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithms = np.where(means > 0.0, np.log(means), np.nan)
+    slopes = (logarithms[:, second] - logarithms[:, first]) / (x[second] - x[first])[:, None]
+    known = np.isfinite(slopes)
+    some = known.any(axis=1)
+    filled = np.where(known | ~some[:, None], slopes, np.nan)
+    median = np.nanmedian(np.where(some[:, None], filled, 0.0), axis=1)
+    return np.clip(median, *FIT_EXPONENTS)

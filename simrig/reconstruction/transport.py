@@ -23,7 +23,7 @@ import numpy as np
 
 from simrig.errors import SimrigError
 
-_LEAST_MASS = 1e-9  # of the larger total: with less there is nothing to move
+LEAST_MASS = 1e-9  # of the larger total: with less there is nothing to move
 _MOST_BINS = 1296  # the transport of more takes minutes
 _ITERATIONS = 2_000_000
 
@@ -68,7 +68,7 @@ def displacement(first: np.ndarray, second: np.ndarray, weights: np.ndarray) -> 
     base = (0.0, 0.0) if first.ndim == 1 else (float(first.min()), float(second.min()))
     masses = first - base[0], second - base[1]
     totals = masses[0].sum(), masses[1].sum()
-    if min(totals) <= _LEAST_MASS * max(totals):
+    if min(totals) <= LEAST_MASS * max(totals):
         return first + w * (second - first)
     # in two steps: the total of denormal numbers has few digits
     parts = [mass.ravel() / mass.max() for mass in masses]
@@ -97,7 +97,7 @@ def _moved_intervals(
     end = source + step + _within(target, -step, mass, count)  # beyond a turn is wrapped below
     w = weights[:, None, None]
     edges = np.sort(start + w * (end - start), axis=1)  # (t, 2, entries): where each is now
-    return _rasterised(edges, mass, count)
+    return rasterised(edges, mass, count)
 
 
 def _within(owner: np.ndarray, order: np.ndarray, mass: np.ndarray, count: int) -> np.ndarray:
@@ -116,8 +116,14 @@ def _within(owner: np.ndarray, order: np.ndarray, mass: np.ndarray, count: int) 
     return ends.clip(-0.5, 0.5)
 
 
-def _rasterised(edges: np.ndarray, mass: np.ndarray, count: int) -> np.ndarray:
-    """Return the mass that intervals (t, 2, m) of even density bring to periodic nodes, (t, n)."""
+def rasterised(edges: np.ndarray, mass: np.ndarray, count: int) -> np.ndarray:
+    """Return the mass that intervals of even density bring to periodic nodes, (t, count).
+
+    Args:
+        edges: lower and upper ends of the intervals in nodes, (t, 2, m).
+        mass: of the intervals, (m,) or (t, m).
+        count: of nodes.
+    """
     low, high = edges[:, 0] + 0.5, edges[:, 1] + 0.5  # node k reaches from k to k + 1 now
     width = np.maximum(high - low, 1e-9)
     out: np.ndarray = np.zeros((len(edges), count))
