@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
 from simrig import backend
+from simrig.cli.effect_options import plan_lines
 from simrig.data.load import load_material
 from simrig.effects import Plan
 from simrig.errors import SimrigError
 from simrig.evaluation import metrics, rendering
+from simrig.evaluation.planning import noise as noise_of_samples
 from simrig.evaluation.planning import plan_scene, planned_integrator, planned_render
 from simrig.plugins import make_bsdf
 from simrig.scenes import SCENES, build_scene
@@ -162,9 +165,56 @@ def test_a_planned_picture_keeps_its_tolerance(name: str, tolerance: float) -> N
     scene = named(name, "wood01")
     everything = plan_scene(scene, "dE=0.5", everything=True)
     plan = plan_scene(scene, f"dE={tolerance}")
+    spp = plan.settings["spp"]
+    assert plan.about["kept"] and plan.about["advice"] == ""
     picture = planned_render(scene, plan, seed=5).image
-    reference = converged(scene, everything, 6, max(CONVERGED, 8 * plan.settings["spp"]))
+    # the noise of the reference comes on top; so many samples are shared out with care
+    reference = converged(scene, everything, 6, max(CONVERGED, min(8 * spp, 1 << 15), spp))
     assert change(reference, picture, everything.about["exposure"]) <= tolerance
+
+
+@pytest.mark.parametrize("name", ["sphere", "receding_cylinders"])
+def test_a_plan_that_cannot_keep_its_tolerance_says_by_how_much(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cut short of samples, it expects the error that is measured, and knows what is missing."""
+    scene = named(name, "wood01")
+    monkeypatch.setattr(noise_of_samples, "MOST_SAMPLES", 48)
+    plan = plan_scene(scene, "dE=0.1")
+    expected = plan.about["expected_error"]
+    assert not plan.about["kept"] and expected > 0.1
+    assert plan.settings["spp"] == 48
+    picture = planned_render(scene, plan, seed=5).image
+    reference = converged(scene, plan, 6, 1 << 14)
+    assert 0.6 * expected <= change(reference, picture, plan.about["exposure"]) <= expected
+    said = re.fullmatch(
+        r"dE=0.1 is not kept: dE=(\S+) is expected, with 48 samples per pixel; "
+        r"(\d+) would keep it",
+        plan.about["advice"],
+    )
+    assert said and float(said[1]) == pytest.approx(expected, rel=1e-2)
+    monkeypatch.setattr(noise_of_samples, "MOST_SAMPLES", int(said[2]))
+    longer = plan_scene(scene, "dE=1e-5")  # as many as there may be: down to two thirds of that
+    assert longer.about["expected_error"] <= 0.1 * 1.5**0.5
+
+
+def test_what_is_left_out_by_request_counts_against_the_tolerance() -> None:
+    scene = named("four_spheres", "lambert")
+    plan = plan_scene(scene, "dE=0.5", without=["inter-reflection"])
+    bound = bound_of(plan, "inter-reflection")
+    assert not plan.about["kept"] and plan.about["expected_error"] > bound > 0.5
+    assert "inter-reflection is left out by request" in plan.about["advice"]
+    assert plan_lines(plan)[1:] == [plan.about["advice"]]
+    loose = plan_scene(scene, "psnr=15", without=["inter-reflection"])
+    assert loose.about["kept"] and len(plan_lines(loose)) == 1
+
+
+def test_without_a_bound_nobody_knows_whether_a_tolerance_is_kept() -> None:
+    gold = {"type": "roughconductor", "material": "Au", "alpha": 0.3}
+    scene = simple(s={"type": "sphere", "bsdf": gold}, e=POINT)
+    about = plan_scene(scene, "dE=2", without=["spectral"]).about
+    assert about["kept"] is None is about["expected_error"]
+    assert "leaving out spectral changes cannot be bounded" in about["advice"]
 
 
 @pytest.mark.parametrize("tolerance", ["psnr=40", "relative=0.02"])

@@ -12,8 +12,9 @@ import numpy as np
 
 from simrig.evaluation.planning.change import Display
 
-MOST_SAMPLES = 1 << 14
-_CANDIDATES = [1, *sorted(k << n for k in (2, 3) for n in range(14) if k << n <= MOST_SAMPLES)]
+# Pictures are rendered in passes, so memory sets no limit. A plan that asks for more says instead
+# that its tolerance is not kept.
+MOST_SAMPLES = 1 << 20
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
 _SAFETY = 1.25
 _TRIALS = 4
@@ -71,5 +72,11 @@ def samples_needed(radiance: np.ndarray, display: Display, allowed: float) -> tu
         changes[spp] = sampling_change(radiance, display, spp)
         return changes[spp] <= allowed
 
-    spp = _CANDIDATES[bisect_left(_CANDIDATES[:-1], True, key=suffices)]
+    candidates = _candidates(MOST_SAMPLES)
+    spp = candidates[bisect_left(candidates[:-1], True, key=suffices)]
     return spp, changes[spp] if spp in changes else sampling_change(radiance, display, spp)
+
+
+def _candidates(most: int) -> list[int]:
+    powers = range(most.bit_length())
+    return [1, *sorted(k << n for k in (2, 3) for n in powers if k << n <= most)]

@@ -33,6 +33,7 @@ from simrig.evaluation.planning.environment import (
     decide_environment,
     without_map,
 )
+from simrig.evaluation.planning.expectation import expectation
 from simrig.evaluation.planning.integrators import (
     DIRECT_DEPTH,
     UNLIMITED,
@@ -72,8 +73,9 @@ def plan_scene(
 
     Returns:
         The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
-        ``max_depth``), ``about`` the exposure, ``render_s``, the seconds that the picture is
-        expected to take, and the seconds of planning; compilation apart.
+        ``max_depth``), ``about`` the exposure, what ``expectation`` says of the tolerance being
+        kept, ``render_s``, the seconds that the picture is expected to take, and the seconds of
+        planning; compilation apart.
 
     Raises:
         SimrigError: a scene that cannot be built, an unknown effect or tolerance, or overrides
@@ -105,12 +107,12 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
     left_out, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
     decisions = decide(SCENE_EFFECTS, subject, left_out, _known(overrides, SCENE_EFFECTS))
     decisions = _with_paths(without_map(subject, decisions, overrides), overrides)
-    depth = _depth(subject, left_out, decisions, overrides)
+    depth, deeper = _depth(subject, left_out, decisions, overrides)
     decisions, lights = decide_environment(subject, decisions, left_out, noise, overrides)
     integrator = _integrator(subject, decisions, depth, lights)
     sampled = _sampled(subject, integrator)
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, _known(overrides, (ANTI_ALIASING,)))
-    spp, smoothing = _samples(sampled, smoothing, noise)
+    spp, smoothing, random = _samples(sampled, smoothing, noise)
     settings = {
         "integrator": integrator["type"],
         "depth": depth,
@@ -123,6 +125,7 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
         "exposure": subject.exposure,
         "scene": subject.survey.describe(),
         "render_s": render_seconds(subject, sampled.seconds_per_sample, spp),
+        **expectation(tolerance, decisions, deeper, random, spp),
     }
     costed = tuple(_costed(_explained(subject, decision), spp) for decision in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
@@ -211,8 +214,11 @@ def _depth(
     allowed: Tolerance,
     decisions: tuple[Decision, ...],
     overrides: Overrides,
-) -> int:
-    """Return the path depth: the orders beyond it use what the left-out effects leave."""
+) -> tuple[int, float]:
+    """Return the path depth, and what the orders beyond it may change.
+
+    They use what the left-out effects leave.
+    """
     used = 0.0
     for decision in decisions:
         if decision.effect == "inter-reflection":
@@ -220,14 +226,17 @@ def _depth(
         elif not decision.on and decision.bound is not None:
             used += decision.bound.value
     if not indirect.on:
-        return DIRECT_DEPTH
+        return DIRECT_DEPTH, 0.0
     if indirect.bound is None or overrides.everything:
-        return UNLIMITED
+        return UNLIMITED, 0.0
     if indirect.bound.value == 0.0:
-        return DIRECT_DEPTH + 1
+        return DIRECT_DEPTH + 1, 0.0
     bounds = subject.indirect_changes(allowed)
     orders = bounds.orders_needed(max(allowed.amount - used, 0.0))
-    return UNLIMITED if orders is None else DIRECT_DEPTH + max(orders, 1)
+    if orders is None:
+        return UNLIMITED, 0.0
+    orders = max(orders, 1)
+    return DIRECT_DEPTH + orders, bounds.values[orders]
 
 
 def _select_variant(source: SceneSource, overrides: Overrides) -> None:
@@ -272,14 +281,14 @@ def _sampled(subject: SceneSubject, integrator: dict[str, Any]) -> SampledSubjec
 
 def _samples(
     sampled: SampledSubject, decision: Decision, allowed: Tolerance
-) -> tuple[int, Decision]:
-    """Return the samples per pixel, and the decision about them with its settings."""
-    if not decision.on:
-        return 1, decision
+) -> tuple[int, Decision, float]:
+    """Return the samples per pixel, the decision about them with its settings, and their noise."""
     if decision.bound is None or decision.bound.absent:
-        return 1, decision
+        return 1, decision, 0.0
+    if not decision.on:
+        return 1, decision, decision.bound.value
     spp, change = sampled.needed(allowed, allowed.amount)
     reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
     why = f"{decision.why}; {spp} samples per pixel leave {change:.3g}{reached}"
     cost = decision.cost_s * (spp - 1) / (USUAL_SPP - 1)
-    return spp, replace(decision, why=why, cost_s=cost if math.isfinite(cost) else 0.0)
+    return spp, replace(decision, why=why, cost_s=cost if math.isfinite(cost) else 0.0), change

@@ -114,10 +114,12 @@ def plan_table(plan: Plan, title: str = "") -> Any:
     return frame.table(columns, rows, title)
 
 
-def plan_line(plan: Plan) -> str:
-    """Return the settings of a plan in one line."""
+def plan_lines(plan: Plan) -> list[str]:
+    """Return the settings of a plan in one line, and in another that its tolerance is not kept."""
     settings = ", ".join(f"{key} {value}" for key, value in plan.settings.items())
-    return (
+    line = (
         f"{plan.tolerance}: {settings}; planned in {plan.about['planning_s']:.2f} s, "
         f"expected to take {plan.about['render_s']:.2g} s"
     )
+    advice = plan.about["advice"]
+    return [line, advice] if advice else [line]

@@ -70,7 +70,7 @@ def plan(
 
 def _shown(planned: Plan, title: str) -> list[Any]:
     heading = f"{title}: {planned.about['scene']}"
-    return [effect_options.plan_table(planned, heading), effect_options.plan_line(planned)]
+    return [effect_options.plan_table(planned, heading), *effect_options.plan_lines(planned)]
 
 
 def _experiment(path: str, variant: str, *decided: Any) -> frame.Report:

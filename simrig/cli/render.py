@@ -182,4 +182,4 @@ def _write(files: list[Path], image: Any, exposure: float, about: dict[str, Any]
 def _shown(planned: Plan | None) -> list[Any]:
     if planned is None:
         return []
-    return [effect_options.plan_table(planned), effect_options.plan_line(planned)]
+    return [effect_options.plan_table(planned), *effect_options.plan_lines(planned)]
