@@ -1,11 +1,10 @@
-"""Experiments: settings, refusals, the whole path in small, interruption and resumption."""
+"""Experiments: the whole path in small, refusals, interruption and resumption."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,26 +22,17 @@ from simrig.evaluation.experiment_config import (
     MeasurementSettings,
     RenderingSettings,
     SceneSettings,
-    demo_experiment,
 )
-from simrig.evaluation.experiment_parts import LEDGER, Parts, Steps
+from simrig.evaluation.experiment_parts import LEDGER, Steps
 from simrig.evaluation.experiment_results import accuracy_versus_cost, total_costs
-from simrig.evaluation.experiment_scenes import Studio
-from simrig.evaluation.experiment_subjects import SLICE_METHODS, largest_theta_deg, make_plans
+from simrig.evaluation.experiment_subjects import SLICE_METHODS
 from simrig.evaluation.measured_half import MeasuredHalf
-from simrig.evaluation.metrics import delta_e_map, foreground_mask
 from simrig.evaluation.mre import mre_exact
-from simrig.evaluation.planning.experiments import experiment_scene
-from simrig.evaluation.rendering import automatic_exposure, render
-from simrig.plugins.sampling import sample_alike
-from simrig.reconstruction.regular_grid import reconstruct_regular_grid
 from simrig.reflectance import Lambert, kurt_material
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.protocol import evaluate
 from simrig.reflectance.resample import resample_dense
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.measurement import Measurement
-from simrig.sampling.uniform import uniform_plan
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
@@ -114,14 +104,6 @@ def test_every_key_of_the_results_is_documented(finished: tuple) -> None:
     keys |= {*results["material"], *results["scenes"]["sphere"], *record["scenes"]["sphere"]}
     keys |= {*results["accuracy_versus_cost"][0]}
     assert keys <= documented
-
-
-def test_every_setting_is_documented() -> None:
-    page = (EXAMPLES.parent / "experiments.md").read_text()
-    settings = SMALL.as_dict()
-    sections = [settings[name] for name in ("measurement", "reconstruction", "rendering")]
-    for section in (settings, *sections, settings["comparison"]):
-        assert not [key for key in section if f"`{key}`" not in page and f"[{key}]" not in page]
 
 
 def test_more_samples_are_more_accurate_and_errors_agree_with_a_direct_comparison(
@@ -232,80 +214,6 @@ def test_examples_run_in_quick_form(name: str, tmp_path: Path) -> None:
     assert results["reconstructions"][0]["reflectance"]["exact"] is None
 
 
-def test_settings_survive_toml(tmp_path: Path) -> None:
-    experiments = [demo_experiment(), *(Experiment.from_toml(p) for p in EXAMPLES.glob("*.toml"))]
-    assert len(experiments) == 4
-    for experiment in experiments:
-        assert Experiment.from_table(tomllib.loads(experiment.to_toml())) == experiment
-
-
-REFUSED: dict[str, tuple[str, str]] = {
-    "no TOML": ("material = ", "no valid TOML"),
-    "no material": ("seed = 1", "'material' is missing"),
-    "unknown material": ('material = "yelow_satin"', "did you mean 'yellow_satin'"),
-    "no such file": ('material = "wood.bsdf"', "there is no file"),
-    "unknown key": ('material = "wood01"\nsede = 1', "did you mean 'seed'"),
-    "unknown section key": (
-        'material = "wood01"\n[measurement]\nsampels = 3',
-        r"unknown key in \[measurement\] 'sampels': did you mean 'samples'",
-    ),
-    "section that is none": (
-        'material = "wood01"\nrendering = 3',
-        r"\[rendering\] must be a table",
-    ),
-    "wrong type": ('material = "wood01"\nseed = "x"', "'seed' must be a whole number"),
-    "true is no number": ('material = "wood01"\nseed = true', "'seed' must be a whole number"),
-    "no samples": ('material = "wood01"\n[measurement]\nsamples = []', "list of whole numbers"),
-    "samples twice": ('material = "wood01"\n[measurement]\nsamples = [9, 9]', "twice"),
-    "out of range": ('material = "wood01"\n[measurement]\nk = 1.5', "'k' .* from 0 to 1, got 1.5"),
-    "not finite": ('material = "wood01"\n[rendering]\nexposure = nan', "'exposure'"),
-    "one step only": (
-        'material = "wood01"\n[measurement]\nelevation_step_deg = 10',
-        "give both",
-    ),
-    "no iterations": ('material = "wood01"\n[measurement]\np_1 = 0\np_2 = 0', "at least 1"),
-    "unknown choice": (
-        'material = "wood01"\n[reconstruction]\ninterpolation = "cubik"',
-        "did you mean 'cubic'",
-    ),
-    "unknown slices": (
-        'material = "wood01"\n[measurement]\nslice_types = "axial"',
-        "unknown value of 'slice_types'",
-    ),
-    "odd step": ('material = "wood01"\n[comparison]\nstep_deg = 7', "must divide 360"),
-    "unknown variant": ('material = "wood01"\nvariant = "llvm"', "did you mean 'llvm_ad_rgb'"),
-    "scenes that are no list": ('material = "wood01"\nscenes = 3', r"\[\[scenes\]\]"),
-    "no scenes": ('material = "wood01"\nscenes = []', "at least one scene"),
-    "scene without name": ('material = "wood01"\n[[scenes]]\nspp = 1', "needs a 'name'"),
-    "unknown scene": ('material = "wood01"\n[[scenes]]\nname = "spher"', "did you mean 'sphere'"),
-    "unknown option": (
-        'material = "wood01"\n[[scenes]]\nname = "sphere"\nlihgt_distance = 1',
-        "did you mean 'light_distance'",
-    ),
-    "tiny picture": (
-        'material = "wood01"\n[[scenes]]\nname = "sphere"\nresolution = 4',
-        "'resolution' of scene 'sphere' must be a whole number from 11",
-    ),
-    "same scene twice": (
-        'material = "wood01"\n[[scenes]]\nname = "sphere"\n[[scenes]]\nname = "sphere"',
-        "are the same",
-    ),
-    "no such environment": (
-        'material = "wood01"\n[[scenes]]\nname = "environment_sphere"\nenvironment = "a.exr"',
-        "no file",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_bad_files_are_refused_in_one_line(case: str, tmp_path: Path) -> None:
-    text, message = REFUSED[case]
-    (tmp_path / "bad.toml").write_text(text)
-    with pytest.raises(SimrigError, match=message) as caught:
-        Experiment.from_toml(tmp_path / "bad.toml")
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -313,6 +221,7 @@ def test_bad_files_are_refused_in_one_line(case: str, tmp_path: Path) -> None:
         ({"measurement": MeasurementSettings((700,), 10.0, 36.0)}, "intersections"),
         ({"comparison": ComparisonSettings(estimate_samples=10)}, "'estimate_samples'"),
         ({"material": "no such"}, "no such"),
+        ({"rendering": RenderingSettings(force=("shadow",))}, "did you mean 'shadowing'"),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_is_written(
@@ -321,33 +230,6 @@ def test_what_cannot_be_done_is_refused_before_anything_is_written(
     with pytest.raises(SimrigError, match=message):
         run_experiment(replace(SMALL, **change), tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_theta_max_follows_the_data() -> None:
-    truth = kurt_material("wood01")
-    assert largest_theta_deg(truth, None) == 80.0
-    assert largest_theta_deg(truth, 85.0) == 85.0
-    truth.theta_max = math.radians(74.3)
-    assert largest_theta_deg(truth, None) == 74.0
-    truth.theta_max = float(np.radians(np.float32(75.0))) - 1e-8
-    assert largest_theta_deg(truth, None) == 75.0
-    with pytest.raises(SimrigError, match="data of 'wood01' end at 75"):
-        largest_theta_deg(truth, 76.0)
-
-
-@pytest.mark.parametrize(
-    ("slice_types", "methods"),
-    [("all", ["slices"]), ("axial_diagonal", ["axial"]), ("both", ["slices", "axial"])],
-)
-def test_slice_types_decide_the_methods(slice_types: str, methods: list[str]) -> None:
-    plans = make_plans(MeasurementSettings((700, 900), slice_types=slice_types), 80.0)
-    assert [plan.method for plan in plans] == [*methods, "uniform"] * 2
-    assert [p.key for p in plans if p.samples == 900] == [f"{name}-900" for name in methods]
-    assert len({plan.label for plan in plans}) == len({plan.key for plan in plans}) == len(plans)
-
-
-def test_the_demo_compares_both_sets_of_slices() -> None:
-    assert demo_experiment().measurement.slice_types == "both"
 
 
 @pytest.mark.usefixtures("no_report")
@@ -366,35 +248,6 @@ def test_each_set_of_slices_is_measured_and_rebuilt_on_its_own(
     alone = finished[1]["reconstructions"][0]
     assert full["reflectance"]["mre_percent"] == alone["reflectance"]["mre_percent"]
     assert axial["reflectance"]["mre_percent"] != full["reflectance"]["mre_percent"]
-
-
-def test_explicit_steps_are_used() -> None:
-    plan, *_ = make_plans(MeasurementSettings((5000,), 20.0, 60.0), 80.0)
-    assert plan.layout.describe() == "e_s = 20°, a_s = 60°, theta_max = 80°"
-
-
-@pytest.mark.parametrize("samples", [10, 300, 1034, 3230, 8911, 18721])
-def test_a_regular_grid_has_at_most_as_many_samples(samples: int) -> None:
-    plan = uniform_plan(samples, math.radians(80.0))
-    assert 0.85 * samples <= plan.samples <= samples
-
-
-def test_a_regular_grid_needs_ten_samples() -> None:
-    with pytest.raises(SimrigError, match="at least 10"):
-        uniform_plan(9, 1.0)
-
-
-def test_the_regular_grid_is_exact_at_its_nodes() -> None:
-    truth = kurt_material("yellow_satin")
-    plan = uniform_plan(3230, math.radians(80.0))
-    measurement = Gonioreflectometer().measure_scheme(truth, plan.scheme())
-    assert measurement.cost.samples == plan.samples
-    table = reconstruct_regular_grid(measurement)
-    rng = np.random.default_rng(5)
-    theta = rng.integers(0, plan.elevations, (2, 200)) * plan.theta_step
-    phi = rng.integers(0, plan.azimuths, (2, 200)) * (2.0 * np.pi / plan.azimuths)
-    wi, wv = to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
-    np.testing.assert_allclose(evaluate(table, wi, wv), evaluate(truth, wi, wv), rtol=1e-5)
 
 
 def one_way_table(n_phi: int = 4) -> DenseTable:
@@ -434,7 +287,6 @@ def test_a_material_that_is_not_reciprocal_is_said_to_be_so(tmp_path: Path) -> N
 
 def test_a_perfect_reconstruction_makes_a_report_too(tmp_path: Path) -> None:
     from simrig.data.hdf5 import write_reflectance
-    from simrig.reflectance.resample import resample_dense
 
     flat = resample_dense(Lambert(), math.radians(20.0), 4, math.radians(80.0))
     write_reflectance(tmp_path / "flat.h5", flat)
@@ -476,15 +328,6 @@ def test_totals_and_pareto_front() -> None:
     ]
 
 
-def test_a_highlight_does_not_leave_the_body_in_the_dark() -> None:
-    picture = np.full((10, 10, 3), 0.5)
-    assert automatic_exposure(picture) == pytest.approx(1.6)
-    picture[:2] = 8.0
-    assert automatic_exposure(picture) == pytest.approx(0.2)
-    picture[:2] = 1e3
-    assert automatic_exposure(picture) == pytest.approx(8.0 * 0.8e-3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reciprocal", "isotropic"),
@@ -502,79 +345,3 @@ def test_measured_files(
     assert results["material"]["isotropic"] is isotropic
     assert results["material"]["reciprocal"] is reciprocal
     assert results["theta_max_deg"] <= results["material"]["theta_max_deg"] + 1e-3
-
-
-def studio(tmp_path: Path, rendering: RenderingSettings) -> Studio:
-    config = replace(SMALL, rendering=rendering)
-    (scene,) = config.scenes
-    (tmp_path / "pictures" / "sphere").mkdir(parents=True)
-    return Studio("sphere", scene, config, tmp_path, Parts(tmp_path, {}), Steps(1, None))
-
-
-@pytest.mark.usefixtures("variant_llvm")
-def test_noise_that_a_plan_allows_is_no_difference(tmp_path: Path) -> None:
-    """One plan and the same random numbers: what is rebuilt exactly has no error at all."""
-    made = studio(tmp_path, RenderingSettings(tolerance="dE=10"))
-    truth = kurt_material("fabric112")
-    reference = made.reference(truth)
-    assert reference["plan"]["tolerance"] == "dE=10"
-    assert reference["spp"] == reference["plan"]["settings"]["spp"] < 4
-    errors = made.reconstruction("same", "the same", truth)["errors"]
-    assert errors["delta_e"] == errors["flip"] == 0.0
-    assert made.reconstruction("black", "black", Lambert((0.01,) * 3))["errors"]["delta_e"] > 5.0
-
-
-@pytest.mark.usefixtures("variant_llvm")
-def test_effects_of_an_experiment_can_be_decided(tmp_path: Path) -> None:
-    forced = studio(tmp_path / "all", RenderingSettings(everything=True, without=("shadowing",)))
-    plan = forced.reference(Lambert())["plan"]
-    on = {entry["effect"]: entry["on"] for entry in plan["effects"]}
-    assert on["bsdf-sampling"] and not on["shadowing"] and not on["inter-reflection"]
-    unplanned = studio(tmp_path / "none", RenderingSettings(tolerance="none"))
-    reference = unplanned.reference(Lambert())
-    assert (reference["plan"], reference["spp"]) == (None, 16)
-
-
-def test_effects_that_there_are_not_are_refused_before_anything_is_measured(
-    tmp_path: Path,
-) -> None:
-    wrong = replace(SMALL, rendering=RenderingSettings(force=("shadow",)))
-    with pytest.raises(SimrigError, match="did you mean 'shadowing'"):
-        run_experiment(wrong, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-    with pytest.raises(SimrigError, match="both forced and left out"):
-        RenderingSettings(force=("spectral",), without=("spectral",))
-
-
-def test_settings_of_rendering_are_read_again_as_they_were(tmp_path: Path) -> None:
-    for rendering in (
-        RenderingSettings(),
-        RenderingSettings(tolerance="none", spp=3),
-        RenderingSettings(tolerance="psnr=40", force=("shadowing",), without=("spectral",)),
-    ):
-        experiment = replace(SMALL, rendering=rendering)
-        path = tmp_path / "experiment.toml"
-        path.write_text(experiment.to_toml())
-        assert Experiment.from_toml(path) == experiment
-
-
-@pytest.mark.usefixtures("variant_llvm")
-def test_noise_of_paths_is_no_difference_either() -> None:
-    """Drawn alike, few paths find the difference that many find; drawn apart far too much."""
-    truth = kurt_material("fabric002")
-    settings = SceneSettings("four_spheres", {"columns": 2, "resolution": 32})
-    paths = {"type": "path", "max_depth": 4, "hide_emitters": True}
-
-    def difference(spp: int, alike: bool) -> float:
-        rebuilt = resample_dense(truth, np.radians(7.5), 48, np.radians(82.5))
-        if alike:
-            sample_alike(rebuilt, truth)
-        first, second = (
-            render(experiment_scene(settings, one), spp, 0, paths).image for one in (truth, rebuilt)
-        )
-        return float(delta_e_map(first, second)[foreground_mask(first, second)].mean())
-
-    converged = difference(2048, True)
-    assert difference(2048, False) == pytest.approx(converged, rel=0.1), "both are right"
-    assert difference(64, False) > 1.8 * converged
-    assert difference(64, True) < 1.4 * converged

@@ -15,7 +15,12 @@ from scipy import stats
 from simrig import backend
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
-from simrig.evaluation.rendering import display_exposure, pixel_directions, render
+from simrig.evaluation.rendering import (
+    automatic_exposure,
+    display_exposure,
+    pixel_directions,
+    render,
+)
 from simrig.reflectance.kurt_materials import kurt_material
 from simrig.reflectance.protocol import evaluate
 from simrig.scenes import DirectionalLights, cylinder, environment_sphere, four_spheres, sphere
@@ -273,6 +278,15 @@ def test_display_exposure_fits_the_bright_part() -> None:
     assert display_exposure(image) == pytest.approx(40.0)
     with pytest.raises(SimrigError, match="black"):
         display_exposure(np.zeros((2, 2, 3)))
+
+
+def test_a_highlight_does_not_leave_the_body_in_the_dark() -> None:
+    picture = np.full((10, 10, 3), 0.5)
+    assert automatic_exposure(picture) == pytest.approx(1.6)
+    picture[:2] = 8.0
+    assert automatic_exposure(picture) == pytest.approx(0.2)
+    picture[:2] = 1e3
+    assert automatic_exposure(picture) == pytest.approx(8.0 * 0.8e-3)
 
 
 @pytest.mark.parametrize(

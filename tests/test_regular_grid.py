@@ -1,0 +1,40 @@
+"""Regular grids: no more samples than are there, and exact where they were taken."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from simrig.directions import to_vector
+from simrig.errors import SimrigError
+from simrig.reconstruction.regular_grid import reconstruct_regular_grid
+from simrig.reflectance import kurt_material
+from simrig.reflectance.protocol import evaluate
+from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.sampling.uniform import uniform_plan
+
+
+@pytest.mark.parametrize("samples", [10, 300, 1034, 3230, 8911, 18721])
+def test_a_regular_grid_has_at_most_as_many_samples(samples: int) -> None:
+    plan = uniform_plan(samples, math.radians(80.0))
+    assert 0.85 * samples <= plan.samples <= samples
+
+
+def test_a_regular_grid_needs_ten_samples() -> None:
+    with pytest.raises(SimrigError, match="at least 10"):
+        uniform_plan(9, 1.0)
+
+
+def test_the_regular_grid_is_exact_at_its_nodes() -> None:
+    truth = kurt_material("yellow_satin")
+    plan = uniform_plan(3230, math.radians(80.0))
+    measurement = Gonioreflectometer().measure_scheme(truth, plan.scheme())
+    assert measurement.cost.samples == plan.samples
+    table = reconstruct_regular_grid(measurement)
+    rng = np.random.default_rng(5)
+    theta = rng.integers(0, plan.elevations, (2, 200)) * plan.theta_step
+    phi = rng.integers(0, plan.azimuths, (2, 200)) * (2.0 * np.pi / plan.azimuths)
+    wi, wv = to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
+    np.testing.assert_allclose(evaluate(table, wi, wv), evaluate(truth, wi, wv), rtol=1e-5)
