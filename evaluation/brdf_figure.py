@@ -16,7 +16,7 @@ from simrig.directions.spherical import TWO_PI, wrap_angle
 from simrig.errors import unknown_name
 from simrig.evaluation.brdf_picture import (
     ELEVATIONS_DEG,
-    automatic_exposure,
+    brdf_exposure,
     brdf_picture,
     check_elevations,
 )
@@ -53,7 +53,7 @@ def brdf_figure(
         reflectance: what to show.
         elevations_deg: those of the tiles; by default those of the placement, else 0…75 by 15.
         azimuth_step_deg: size of a pixel.
-        exposure: factor to f_r before it is shown; chosen by ``automatic_exposure`` and stated
+        exposure: factor to f_r before it is shown; chosen by ``brdf_exposure`` and stated
             in the figure by default.
         placement: draw the slices of this placement.
         measurement: draw its samples as dots; also gives the placement.
@@ -73,7 +73,7 @@ def brdf_figure(
         elevations_deg = tuple(float(e) for e in known)
     elevations = np.radians(check_elevations(elevations_deg))
     picture = brdf_picture(reflectance, elevations_deg, azimuth_step_deg)
-    exposure = automatic_exposure(picture) if exposure is None else exposure
+    exposure = brdf_exposure(picture) if exposure is None else exposure
     figure = new_figure(9.0, 9.7)
     panel = figure.subplots()
     count = len(elevations)

@@ -69,7 +69,7 @@ def all_subspaces_picture(
     return np.concatenate([np.concatenate(top, axis=1), np.concatenate(bottom, axis=1)], axis=0)
 
 
-def automatic_exposure(picture: np.ndarray, percentile: float = _WHITE_PERCENTILE) -> float:
+def brdf_exposure(picture: np.ndarray, percentile: float = _WHITE_PERCENTILE) -> float:
     """Return the exposure that shows a percentile of a picture's brightest channel as white.
 
     Returns 1 for a black picture.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from simrig.evaluation import metrics
-from simrig.evaluation.brdf_picture import automatic_exposure, brdf_picture
+from simrig.evaluation.brdf_picture import brdf_exposure, brdf_picture
 from simrig.reconstruction.gantry import reconstruct_gantry
 from simrig.reflectance.protocol import Reflectance
 from simrig.rigs.gantry import Gantry
@@ -52,7 +52,7 @@ class Picture:
         reference, image = (
             brdf_picture(one, self.elevations_deg, self.azimuth_step_deg) for one in (truth, result)
         )
-        exposure = automatic_exposure(reference)
+        exposure = brdf_exposure(reference)
         error = metrics.mse(reference, image, exposure=exposure)
         similarity = metrics.ssim_map(reference, image, exposure)
         everywhere = np.ones(reference.shape[:2], dtype=bool)

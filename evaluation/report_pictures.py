@@ -13,7 +13,7 @@ import numpy as np
 from simrig.cost import Cost
 from simrig.data.images import to_srgb8
 from simrig.evaluation.brdf_figure import brdf_figure
-from simrig.evaluation.brdf_picture import ELEVATIONS_DEG, automatic_exposure, brdf_picture
+from simrig.evaluation.brdf_picture import ELEVATIONS_DEG, brdf_exposure, brdf_picture
 from simrig.evaluation.metrics import difference_image
 from simrig.evaluation.plots import CostPoint, accuracy_versus_cost
 from simrig.reflectance.protocol import Reflectance
@@ -60,7 +60,7 @@ def brdf_pictures(
     """
     elevations = [degrees for degrees in ELEVATIONS_DEG if degrees <= theta_max_deg]
     reference = brdf_picture(truth, elevations, _AZIMUTH_STEP_DEG)
-    exposure = automatic_exposure(reference)
+    exposure = brdf_exposure(reference)
     rows = {}
     for key, reflectance in others.items():
         picture = brdf_picture(reflectance, elevations, _AZIMUTH_STEP_DEG)

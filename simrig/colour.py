@@ -1,4 +1,4 @@
-"""Linear RGB with sRGB primaries: its luminance, its XYZ, and the curve of CIE L*a*b*."""
+"""Linear RGB with sRGB primaries: its luminance, to XYZ and back, and the curve of CIE L*a*b*."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 # IEC 61966-2-1, white point D65
 TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+FROM_XYZ = np.linalg.inv(TO_XYZ)
 LUMINANCE = TO_XYZ[1]
 _TO_XYZ_OVER_WHITE = TO_XYZ / TO_XYZ.sum(axis=1, keepdims=True)
 _LINEAR, _SLOPE = (6.0 / 29.0) ** 3, (29.0 / 6.0) ** 2 / 3.0  # CIE 15: the straight part of L*

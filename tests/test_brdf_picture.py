@@ -13,7 +13,7 @@ from simrig.errors import SimrigError
 from simrig.evaluation.brdf_figure import SLICE_COLOURS, brdf_figure, sample_positions
 from simrig.evaluation.brdf_picture import (
     all_subspaces_picture,
-    automatic_exposure,
+    brdf_exposure,
     brdf_picture,
 )
 from simrig.reflectance import Lambert, Reflectance, evaluate, kurt_material
@@ -89,13 +89,13 @@ def test_the_brightest_pixel_is_the_mirror_direction():
     np.testing.assert_allclose(picture[row, column], value, rtol=1e-3)
 
 
-def test_automatic_exposure():
+def test_the_exposure_shows_the_brightest_as_white():
     picture = np.zeros((10, 10, 3))
-    assert automatic_exposure(picture) == 1.0
+    assert brdf_exposure(picture) == 1.0
     picture[0, 0] = 4.0  # one bright pixel of a hundred: above the percentile, but all there is
-    assert automatic_exposure(picture) == 0.25
+    assert brdf_exposure(picture) == 0.25
     picture[:, :, 1] = 0.5
-    assert automatic_exposure(picture, 90.0) == pytest.approx(2.0)
+    assert brdf_exposure(picture, 90.0) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

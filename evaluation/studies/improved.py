@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from simrig.data.load import load_material
-from simrig.evaluation.brdf_picture import automatic_exposure
+from simrig.evaluation.brdf_picture import brdf_exposure
 from simrig.evaluation.metrics import displayed, psnr_from_mse
 from simrig.evaluation.mre import mre_estimate
 from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure
@@ -118,7 +118,7 @@ def _subspace(
 
 
 def _psnr(truth: np.ndarray, values: np.ndarray) -> float:
-    exposure = automatic_exposure(truth)
+    exposure = brdf_exposure(truth)
     error = np.mean((displayed(truth, exposure) - displayed(values, exposure)) ** 2)
     return min(_HIGHEST, psnr_from_mse(float(error)))
 

@@ -68,14 +68,14 @@ def _draw(name: str, path: Path, force: bool) -> str:
 
     from simrig.data.images import write_exr, write_png
     from simrig.data.load import load_material
-    from simrig.evaluation.brdf_picture import ELEVATIONS_DEG, automatic_exposure, brdf_picture
+    from simrig.evaluation.brdf_picture import ELEVATIONS_DEG, brdf_exposure, brdf_picture
 
     if path.suffix not in (".png", ".exr"):
         raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
     reflectance = load_material(name)
     top = np.degrees(reflectance.theta_max)
     image = brdf_picture(reflectance, [e for e in ELEVATIONS_DEG if e <= top])
-    exposure = automatic_exposure(image)
+    exposure = brdf_exposure(image)
     with output_file(path, force) as temporary:
         if path.suffix == ".exr":
             write_exr(temporary, image, {"material": reflectance.name, "unit": "1/sr"})

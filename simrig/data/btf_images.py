@@ -16,12 +16,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simrig.colour import FROM_XYZ
 from simrig.data.btf_hdf5 import BtfWriter, read_btf
 from simrig.data.images import read_image, write_exr
 from simrig.errors import SimrigError, unknown_name
@@ -187,18 +187,10 @@ def _f_r(
         )
     foreign_exr = path.suffix.lower() == ".exr" and _exact_angles(path) is None
     if values.colour == "xyz" or (values.colour == "auto" and foreign_exr):
-        image = image @ _xyz_to_rgb().T
+        image = image @ FROM_XYZ.astype(np.float32).T
     scale = values.factor / (np.cos(theta_i) if values.with_cosine else 1.0)
     # colours outside of the gamut and noise about black are negative: a channel cannot be
     return np.maximum(image * np.float32(scale), 0.0)
-
-
-@cache
-def _xyz_to_rgb() -> np.ndarray:
-    """Return the matrix from CIE XYZ (D65) to linear sRGB, float32."""
-    from colour import RGB_COLOURSPACES
-
-    return np.asarray(RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB, dtype=np.float32)
 
 
 def _read_jpeg(path: Path) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from simrig.colour import FROM_XYZ
 from simrig.errors import SimrigError
 
 
@@ -46,5 +47,5 @@ def rgb_weights(wavelengths: np.ndarray) -> np.ndarray:
         ],
         axis=-1,
     )
-    weights = power[:, None] * matching @ colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB.T
+    weights = power[:, None] * matching @ FROM_XYZ.T
     return weights / weights.sum(axis=0)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import map_coordinates
 
-from simrig.colour import TO_XYZ
+from simrig.colour import FROM_XYZ, TO_XYZ
 from simrig.directions.half_difference import to_half_difference
 from simrig.directions.spherical import to_angles, to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
@@ -26,8 +26,6 @@ _FLOOR = 1e-2
 _NODES = (36, 26, 26)
 # Bins of the table; phi_d over a full turn, for measured data are not quite reciprocal
 TABLE_SHAPE = (90, 45, 180)
-# linear sRGB to CIE XYZ (IEC 61966-2-1): non-negative, so that colours outside the gamut, which
-# have negative channels in RGB, have logarithms too
 
 
 @dataclass(frozen=True)
@@ -114,6 +112,7 @@ class IsotropicInterpolator:
     def __init__(self, samples: ScatteredSamples):
         elevation = np.maximum(samples.theta_i, samples.theta_v)
         self.theta_max = float(elevation.max())
+        # colours outside the gamut, whose RGB has negative channels, have logarithms in XYZ
         xyz = np.maximum(samples.values @ TO_XYZ.T, 0.0)
         self._floor = _FLOOR * np.median(xyz, axis=0) + np.finfo(float).tiny
         logarithms = np.log(xyz + self._floor)
@@ -161,7 +160,7 @@ class IsotropicInterpolator:
 
     def _colours(self, logarithms: np.ndarray) -> np.ndarray:
         xyz = np.exp(self.limited(logarithms)) - self._floor
-        return np.maximum(np.maximum(xyz, 0.0) @ np.linalg.inv(TO_XYZ).T, 0.0)
+        return np.maximum(np.maximum(xyz, 0.0) @ FROM_XYZ.T, 0.0)
 
     def tabulate(self, shape: tuple[int, int, int]) -> np.ndarray:
         """Return the values in the bins of an isotropic table that is not reciprocal.
