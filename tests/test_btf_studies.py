@@ -34,17 +34,30 @@ def test_a_sight_sees_more_from_afar_and_aslant() -> None:
 
 
 @pytest.mark.slow
-def test_slices_are_compared_with_all_images(tmp_path) -> None:
+def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
     study = btf_slices.STUDY
     config = study.presets["quick"] | TINY
-    config |= {"methods": ["b"], "spp": 2, "orders": 1, "picture": 32, "images": 5}
+    config |= {"methods": ["b", "bd"], "spp": 2, "orders": 1, "picture": 32, "images": 5}
+    config |= {"rings": [[0.0, 1], [50.0, 4], [75.0, 4]]}  # 50° is not measured
     found = run_study(study, config, tmp_path)
-    (row,) = found.summary["rows"]
-    assert (row["images"], row["of"]) == (168, 81)
-    assert 0.0 < row["delta_e"] < 50.0 and 10.0 < row["psnr"] < 60.0
-    assert found.summary["worst"] == ["leather_tan"]
-    assert {file.name for file in found.files} >= {"worst.png", "renderings.png", "depth.png"}
-    assert "corduroy, Lego" in shown(study, found)
+    b, bd = found.summary["rows"]
+    assert (b["images"], b["method"], bd["method"]) == (168, "b", "bd")
+    assert all(0.0 < row["delta_e"] < 50.0 and 10.0 < row["psnr"] < 60.0 for row in (b, bd))
+    assert b["delta_e"] != bd["delta_e"]
+    (exact,) = found.summary["exact"]
+    assert exact["bd_off_mean"] < 0.2 * exact["b_off_mean"]
+    costs = found.summary["costs"]
+    assert costs["all"]["images"] == 81 and costs["bd"]["hardware_seconds"] == pytest.approx(360.0)
+    assert costs["bd"]["bytes"] == costs["all"]["measured_bytes"] == 81 * 12 * 12 * 6
+    assert found.summary["worst_first"] == ["leather_tan"]
+    assert {file.name for file in found.files} >= {"best_and_worst.png", "texels.png", "depth.png"}
+    text = shown(study, found)
+    assert "corduroy, Lego" in text and "6 min" in text
+    # what was measured is kept: a cell that is lost is computed again without the rig
+    next((tmp_path / "cells").iterdir()).unlink()
+    monkeypatch.setattr(btf_slices, "measure_btf", None)
+    again = run_study(study, config, tmp_path)
+    assert again.summary["rows"][0]["psnr"] == b["psnr"]
 
 
 @pytest.mark.slow

@@ -44,6 +44,8 @@ class Study:
         table: returns a summary as something that rich can print.
         plots: draws what a summary and its rows show into an existing folder, and returns the
             files.
+        keeps: ``run_cell`` also takes ``kept``, a folder for what a cell measured, so that a cell
+            that was interrupted goes on from there; None where there is no folder at hand.
     """
 
     name: str
@@ -51,7 +53,8 @@ class Study:
     source: str
     presets: Mapping[str, Config]
     cells: Callable[[Config], list[dict[str, Plain]]]
-    run_cell: Callable[[Config, Cell], list[dict[str, Plain]]]
+    run_cell: Callable[..., list[dict[str, Plain]]]
     summarise: Callable[[Config, Sequence[Row]], dict[str, Plain]]
     table: Callable[[Mapping[str, Plain]], Any]
     plots: Callable[[Mapping[str, Plain], Sequence[Row], Path], list[Path]]
+    keeps: bool = False

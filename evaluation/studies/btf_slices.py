@@ -4,13 +4,17 @@ Each tile is measured twice by the virtual rig: for all pairs of a scheme, and f
 the gantry's slices, exactly where they lie: 60 of them are not among the 6,561, from which the
 thesis selects its own. Every texel is rebuilt by itself. Errors are those of a rendering, a
 cylinder under one light, as the thesis compares; and the mean over single images of the
-stack, drawn evenly, the normal first.
+stack, drawn evenly, the normal first. Both measurements carry the noise of their samples.
 
 The thesis prints its numbers only inside Figures 6.17 and 6.18, not in the text. What the text
 says is compared: nearly flat fabrics and leathers come out close, corduroy and Lego fail, deep
-structure is deformed and blurred. So materials are sorted by the depth of their structure.
-Method BD is left out: it moves the values of each texel by a transport of its own, which takes
-too long for thousands of texels (``simrig btf from-slices --method bd`` does it).
+structure is deformed and blurred. So materials are sorted by the depth of their structure, and
+texels are shown as one image of the stack between the measured elevations.
+
+Method BD transports every line of every texel exactly, all at once. Some texels are rebuilt by the
+network simplex as well, one line after the other. The hardware's time is that of timing models:
+a gonioreflectometer for all images, a gantry for 168. Seconds of computing are the processor's,
+over all threads; they include what a method prepares for the first material.
 
 Source: thesis section 6.3.5, Figures 6.17 and 6.18.
 """
@@ -18,15 +22,18 @@ Source: thesis section 6.3.5, Figures 6.17 and 6.18.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simrig import backend
+from simrig.data.btf_hdf5 import read_btf, read_notes
 from simrig.data.images import to_srgb8
 from simrig.directions.schemes import HemisphereScheme, Ring, hemisphere_81
+from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics import (
     delta_e_map,
     difference_image,
@@ -36,57 +43,62 @@ from simrig.evaluation.metrics import (
     ssim_map,
     ssim_mean,
 )
-from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure
 from simrig.evaluation.rendering import display_exposure, render
-from simrig.evaluation.studies.base import Cell, Config, Row, Study
-from simrig.evaluation.studies.pictures import PICTURE, draw_sheet, picture_row
+from simrig.evaluation.studies.base import Cell, Config, Study
+from simrig.evaluation.studies.btf_slices_shown import ALL, ERRORS, plots, summarise, table
+from simrig.evaluation.studies.pictures import picture_row
 from simrig.mesostructure import build_tile
 from simrig.plugins import make_btf
-from simrig.reconstruction.gantry_btf import reconstruct_btf
+from simrig.reconstruction.gantry_btf import planned_images, reconstruct_btf
+from simrig.reconstruction.gantry_texels import texel_method
 from simrig.reflectance.btf import BtfStack
 from simrig.reflectance.btf_full import FullBtf
-from simrig.rigs.btf import btf_angles, measure_btf
+from simrig.rigs.btf import STANDARD_ERROR, btf_angles, measure_btf, stack_bytes
+from simrig.rigs.timing import GANTRY_TIMING, UTIA_TIMING
 from simrig.sampling.gantry import GantryPlan
 from simrig.scenes import build_scene
 from simrig.scenes.stimuli import CYLINDER_HEIGHT, CYLINDER_RADIUS
 
-ERRORS = {"delta_e": "ΔE", "psnr": "PSNR [dB]", "ssim": "SSIM"}
-FAILED = ("corduroy", "Lego")  # thesis Figure 6.18
-CLOSE = ("fabric dark", "fabric light", "leather light")  # thesis section 6.3.5
-_WORST = 3  # materials whose pictures are shown with what failed
 _CIRCUMFERENCE = 2.0 * np.pi * CYLINDER_RADIUS
+_PLAN = GantryPlan()
+_GANTRY_SECONDS = GANTRY_TIMING.seconds(len(_PLAN.elevations), _PLAN.axial + _PLAN.diagonal)
+_ENLARGED = 3  # of texels in pictures
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         "materials": ["satin_ivory", "corduroy_brown"],
-        "methods": ["a", "b"],
-        "rings": [[0.0, 1], [30.0, 6], [75.0, 8]],
+        "methods": ["a", "b", "bd"],
+        "rings": [[0.0, 1], [30.0, 5], [55.0, 6], [75.0, 6]],
         "texels": 24,
         "spp": 4,
         "orders": 2,
         "picture": 96,
         "images": 60,
+        "seen_deg": [55.0, 55.0, 60.0, 240.0],
+        "exact_texels": 2,
     },
-    "full": {
+    "full": {  # one or two of each group of section B.1, and sandpaper
         "materials": [
             "satin_ivory",
             "twill_blue",
             "canvas_beige",
             "corduroy_brown",
-            "velvet_burgundy",
+            "carpet_loop_grey",
             "leather_tan",
             "leather_cognac",
+            "wood_beech",
             "wood_walnut",
             "sandpaper_p60",
-            "carpet_loop_grey",
         ],
-        "methods": ["a", "b"],
+        "methods": ["a", "b", "bd"],
         "rings": None,  # 81 × 81
-        "texels": 64,
-        "spp": 16,
-        "orders": 4,
-        "picture": 256,
-        "images": 400,
+        "texels": 32,
+        "spp": 8,
+        "orders": 2,
+        "picture": 128,
+        "images": 100,
+        "seen_deg": [60.0, 45.0, 90.0, 220.0],
+        "exact_texels": 2,
     },
 }
 
@@ -96,44 +108,79 @@ def cells(config: Config) -> list[dict[str, Any]]:
     return [{"material": name} for name in config["materials"]]
 
 
-def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
+def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[str, Any]]:
     """Measure one material, rebuild it by every method, and compare.
 
+    Args:
+        config: the configuration.
+        cell: the material.
+        kept: a folder for the measured BTFs; in memory otherwise.
+
     Returns:
-        A row of kind ``errors`` per method, and pictures.
+        A row of kind ``errors`` per method and one for all images, one of kind ``exact`` where
+        method BD is among them, and pictures.
     """
     backend.select("auto")
     tile = build_tile(cell["material"])
     settings = {"resolution": config["texels"], "spp": config["spp"], "orders": config["orders"]}
-    truth = measure_btf(tile, btf_angles(_scheme(config)), **settings)
-    images = measure_btf(tile, GantryPlan().angles(), **settings)
-    depth = (tile.height_mm[1] - tile.height_mm[0]) / tile.element_mm
+    files = [kept and kept / f"{cell['material']}{part}.h5" for part in ("", "-slices")]
+    truth = _measured(tile, btf_angles(_scheme(config)), settings, files[0])
+    images = _measured(tile, _PLAN.angles(), settings, files[1])
     reference = _rendered(truth, config["picture"])
-    exposure = display_exposure(reference)
-    rows: list[dict[str, Any]] = [picture_row("all", to_srgb8(reference, exposure))]
+    exposure, mask = display_exposure(reference), foreground_mask(reference)
+    seen = _nearest(truth.angles, config["seen_deg"])
+    texels = _lit(truth, seen)
+    lit = display_exposure(texels)
+    about = {
+        "kind": "errors",
+        "depth_over_element": (tile.height_mm[1] - tile.height_mm[0]) / tile.element_mm,
+        "measured_standard_error": truth.provenance[STANDARD_ERROR],
+        "mean": float(np.mean(truth.mean().values)),
+        "seen_deg": np.degrees(truth.angles[seen]).round(6).tolist(),
+    }
+    rows: list[dict[str, Any]] = [
+        {**about, "method": ALL, **_costs(truth, truth, UTIA_TIMING.seconds(len(truth), False))},
+        picture_row(ALL, to_srgb8(reference, exposure)),
+        picture_row(f"{ALL}, texels", _enlarged(texels, lit)),
+    ]
     for method in config["methods"]:
-        start = time.perf_counter()
+        start = time.process_time()
         rebuilt = reconstruct_btf(images, method, angles=truth.angles)
-        seconds = time.perf_counter() - start
+        seconds = time.process_time() - start
         found = _rendered(rebuilt, config["picture"])
         rows += [
             {
-                "kind": "errors",
+                **about,
                 "method": method,
-                "depth_over_element": depth,
-                "images": len(images),
-                "of": len(truth),
-                "measured_standard_error": truth.provenance["standard_error"],
+                **_costs(images, rebuilt, _GANTRY_SECONDS),
                 "reconstruction_seconds": seconds,
-                **_errors(reference, found, exposure, foreground_mask(reference)),
+                **_errors(reference, found, exposure, mask),
                 **_image_errors(truth, rebuilt, config["images"]),
             },
             picture_row(method, to_srgb8(found, exposure)),
+            picture_row(f"{method}, texels", _enlarged(_lit(rebuilt, seen), lit)),
             picture_row(
                 f"{method}, difference", difference_image(reference, found, 10.0, exposure)
             ),
         ]
+        if method == "bd":
+            per_texel = seconds / np.prod(truth.resolution)
+            rows.append(_beside_exact(images, truth.angles, config["exact_texels"], per_texel))
     return rows
+
+
+def _measured(
+    tile: Any, angles: np.ndarray, settings: Mapping[str, Any], file: Path | None
+) -> BtfStack:
+    """Return a measured BTF, from its file where it has been measured before."""
+    if file is None:
+        return measure_btf(tile, angles, **settings)
+    if not file.is_file():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        measure_btf(tile, angles, **settings, path=file)
+    stack = read_btf(file)
+    error = float(np.sqrt(np.mean(read_notes(file)[STANDARD_ERROR] ** 2)))
+    return replace(stack, provenance={**stack.provenance, STANDARD_ERROR: error})
 
 
 def _scheme(config: Config) -> HemisphereScheme:
@@ -142,11 +189,42 @@ def _scheme(config: Config) -> HemisphereScheme:
     return HemisphereScheme.from_rings("rings", [Ring(*ring) for ring in config["rings"]])
 
 
+def _costs(measured: BtfStack, result: BtfStack, hardware_seconds: float) -> dict[str, float]:
+    """Return what the hardware took, and bytes as measured and of what renders."""
+    return {
+        "images": len(measured),
+        "hardware_seconds": hardware_seconds,
+        "measured_bytes": stack_bytes(len(measured), measured.resolution),
+        "bytes": stack_bytes(len(result), result.resolution),
+    }
+
+
 def _rendered(stack: BtfStack, resolution: int) -> np.ndarray:
     """Return the cylinder of section B.2 covered with a BTF, as linear RGB."""
     btf = make_btf(FullBtf.from_stack(stack), scale=_CIRCUMFERENCE, scale_v=CYLINDER_HEIGHT)
     scene = build_scene("cylinder", btf, light="right", resolution=resolution)
     return np.maximum(render(scene, spp=16, integrator="direct").image, 0.0)
+
+
+def _nearest(angles: np.ndarray, pair_deg: list[float]) -> int:
+    """Return the number of the pair that is nearest to one in degrees."""
+    theta, phi = np.radians(pair_deg[:2]), np.radians(pair_deg[2:])
+    alike = [
+        to_vector(angles[:, k], angles[:, 2 + k]) @ to_vector(theta[k], phi[k]) for k in (0, 1)
+    ]
+    return int(np.argmax(alike[0] + alike[1]))
+
+
+def _lit(stack: BtfStack, number: int) -> np.ndarray:
+    """Return an image of a stack as it is lit, (height, width, 3) float32."""
+    lit = np.cos(stack.angles[number, 0])
+    return np.asarray(stack.values[number], dtype=np.float32) * np.float32(lit)
+
+
+def _enlarged(texels: np.ndarray, exposure: float) -> np.ndarray:
+    """Return two by two tiles as a picture, uint8."""
+    tiled = np.tile(to_srgb8(texels, exposure), (2, 2, 1))
+    return tiled.repeat(_ENLARGED, axis=0).repeat(_ENLARGED, axis=1)
 
 
 def _errors(
@@ -164,119 +242,44 @@ def _image_errors(truth: BtfStack, rebuilt: BtfStack, count: int) -> dict[str, f
     """Return the means of the errors of single images, each displayed by itself as it is lit."""
     found = []
     for number in np.unique(np.linspace(0, len(truth) - 1, count).astype(int)).tolist():
-        lit = np.cos(truth.angles[number, 0])
-        first, second = (lit * np.asarray(s.values[number], np.float32) for s in (truth, rebuilt))
+        first, second = _lit(truth, number), _lit(rebuilt, number)
         if first.any():
             whole = np.ones(first.shape[:2], dtype=bool)
             found.append(_errors(first, second, display_exposure(first), whole))
     return {f"images_{name}": float(np.mean([one[name] for one in found])) for name in ERRORS}
 
 
-def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the errors by material, flattest first, and how they go with depth."""
-    from scipy.stats import spearmanr
+def _beside_exact(
+    images: BtfStack, angles: np.ndarray, count: int, batch_seconds: float
+) -> dict[str, Any]:
+    """Return how method BD at once differs from one solver after the other, for some texels.
 
-    errors = sorted(
-        (dict(row) for row in rows if row["kind"] == "errors"),
-        key=lambda row: (row["depth_over_element"], row["method"]),
-    )
-    means, trends = {}, {}
-    for method in config["methods"]:
-        own = [row for row in errors if row["method"] == method]
-        names = [*ERRORS, *(f"images_{name}" for name in ERRORS), "reconstruction_seconds"]
-        means[method] = {name: float(np.mean([row[name] for row in own])) for name in names}
-        depth = [row["depth_over_element"] for row in own]
-        enough = len(own) > 2  # of two materials every order is perfect
-        trends[method] = (
-            float(spearmanr(depth, [row["psnr"] for row in own]).statistic) if enough else None
-        )
-    best: dict[str, float] = {}
-    for row in errors:
-        best[row["material"]] = max(best.get(row["material"], -np.inf), row["psnr"])
-    worst = sorted(best, key=lambda name: best[name])[:_WORST]
-    return {
-        "rows": errors,
-        "means": means,
-        "psnr_by_depth_rank_correlation": trends,
-        "worst": worst,
-        "published": {"close": list(CLOSE), "failed": list(FAILED), "numbers": None},
+    Args:
+        images: the measured ones.
+        angles: of all pairs.
+        count: of texels, drawn evenly.
+        batch_seconds: what a texel took among all.
+    """
+    numbers = planned_images(images, _PLAN)
+    values = np.stack([np.asarray(images.values[k], np.float64) for k in numbers.tolist()])
+    values = values.reshape(len(numbers), -1, 3)
+    step = values.shape[1] / count
+    values = values[:, ((np.arange(count) + 0.5) * step).astype(int)]
+    start = time.process_time()
+    exact = texel_method(_PLAN, "bd", angles, "rows")(values)
+    seconds = (time.process_time() - start) / count
+    peak, mean = exact.max(axis=(0, 2)), exact.mean(axis=(0, 2))
+    row: dict[str, Any] = {
+        "kind": "exact",
+        "texels": count,
+        "solver_seconds": seconds,
+        "batch_seconds": batch_seconds,
     }
-
-
-def table(summary: Mapping[str, Any]) -> Any:
-    """Return the summary as a table for the terminal."""
-    from rich.console import Group
-    from rich.table import Table
-
-    shown = Table(title="BTFs from 168 images: " + " / ".join(ERRORS.values()))
-    for column in ("material", "depth ÷ element", "method", "rendered", "single images", "s"):
-        shown.add_column(column, justify="left" if column == "material" else "right")
-    for row in summary["rows"]:
-        depth = f"{row['depth_over_element']:.2f}"
-        shown.add_row(row["material"], depth, row["method"].upper(), *_texts(row))
-    shown.add_section()
-    for method, mean in summary["means"].items():
-        shown.add_row("mean", "", method.upper(), *_texts(mean))
-    published = summary["published"]
-    lines = [
-        f"worst here: {', '.join(summary['worst'])}",
-        f"published: close {', '.join(published['close'])}; failed {', '.join(published['failed'])}"
-        " (numbers inside the figures only)",
-    ]
-    for method, trend in summary["psnr_by_depth_rank_correlation"].items():
-        if trend is not None:
-            lines.append(f"method {method.upper()}: PSNR goes with depth by rank {trend:+.2f}")
-    return Group(shown, *lines)
-
-
-def _texts(row: Mapping[str, Any]) -> list[str]:
-    def three(prefix: str) -> str:
-        delta_e, psnr, ssim = (row[prefix + name] for name in ERRORS)
-        return f"{delta_e:.1f} / {psnr:.1f} / {ssim:.2f}"
-
-    return [three(""), three("images_"), f"{row['reconstruction_seconds']:.1f}"]
-
-
-def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw PSNR over depth, all materials, and the worst ones with their differences."""
-    figure = new_figure(5.6, 4.0)
-    panel = figure.subplots()
-    for number, method in enumerate(summary["means"]):
-        own = [row for row in summary["rows"] if row["method"] == method]
-        depth, psnr = ([row[name] for row in own] for name in ("depth_over_element", "psnr"))
-        panel.plot(
-            depth, psnr, MARKERS[number], color=COLOURS[number], label=f"method {method.upper()}"
-        )
-    for row in own:
-        panel.annotate(
-            row["material"], (row["depth_over_element"], row["psnr"]), fontsize=6, rotation=20
-        )
-    panel.set_xlabel("depth of the structure ÷ size of its largest element")
-    panel.set_ylabel("PSNR of the rendering [dB]  (higher is better)")
-    panel.legend(frameon=False)
-    finish_figure(figure, folder / "depth.png")
-    pictures = {(r["material"], r["picture"]): r for r in rows if r["kind"] == PICTURE}
-    of = {(row["material"], row["method"]): row for row in summary["rows"]}
-    methods = list(summary["means"])
-
-    def line(name: str, differences: bool) -> list[tuple[str, Row]]:
-        found = [(f"{name}, all images", pictures[name, "all"])]
-        for method in methods:
-            text = f"168, {method.upper()}: {_texts(of[name, method])[0]}"
-            found.append((text, pictures[name, method]))
-            if differences:
-                shown = pictures[name, f"{method}, difference"]
-                found.append((f"{method.upper()}: 255 − 10 × difference", shown))
-        return found
-
-    materials = list(dict.fromkeys(row["material"] for row in summary["rows"]))
-    title = "ΔE / PSNR / SSIM"
-    sheets = {
-        "renderings": [line(name, False) for name in materials],
-        "worst": [line(name, True) for name in summary["worst"]],
-    }
-    files = [draw_sheet(folder / f"{k}.png", lines, title=title) for k, lines in sheets.items()]
-    return [folder / "depth.png", *files]
+    for name in ("bd", "b"):
+        off = np.abs(texel_method(_PLAN, name, angles)(values) - exact)
+        row[f"{name}_off_largest"] = float(np.max(off.max(axis=(0, 2)) / peak))
+        row[f"{name}_off_mean"] = float(np.mean(off.mean(axis=(0, 2)) / mean))
+    return row
 
 
 STUDY = Study(
@@ -289,4 +292,5 @@ STUDY = Study(
     summarise=summarise,
     table=table,
     plots=plots,
+    keeps=True,
 )

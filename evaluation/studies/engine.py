@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from simrig.evaluation.studies.base import Cell, Config, Study
 from simrig.evaluation.studies.storage import StudyFolder, plain, write_table
 
 PLOTS = "plots"
+_KEPT = "kept"
 Progress = Callable[..., None]  # cells done, cells in total, what runs now
 Finished = tuple[Cell, list[dict[str, Any]], float]  # cell, rows, seconds
 
@@ -52,8 +54,9 @@ def run_study(
     """Run what is not finished yet of a study, and write its tables and plots.
 
     The folder holds ``configuration.json``, ``cells/`` with one file per finished cell,
-    ``results.csv`` (and ``.parquet``), ``summary.json`` and ``plots/``. However a run ends, the
-    finished cells stay, and the same call goes on from them.
+    ``results.csv`` (and ``.parquet``), ``summary.json``, ``plots/``, and ``kept/`` of studies that
+    keep what they measured. However a run ends, the finished cells stay, and the same call goes on
+    from them.
 
     Args:
         study: what to run.
@@ -76,7 +79,10 @@ def run_study(
     report = progress or (lambda *_: None)
     done = len(cells) - len(left)
     report(done, len(cells))
-    for cell, rows, seconds in _finish(study, place.config, left, scheduler, workers):
+    run_cell: Callable[..., list[dict[str, Any]]] = study.run_cell
+    if study.keeps:  # workers of a scheduler need no access to the folder
+        run_cell = partial(run_cell, kept=None if scheduler else (place.path / _KEPT).resolve())
+    for cell, rows, seconds in _finish(run_cell, place.config, left, scheduler, workers):
         place.keep(cell, rows, seconds)
         done += 1
         report(done, len(cells))
@@ -93,14 +99,18 @@ def load_results(study: Study, folder: str | Path) -> StudyResults:
 
 
 def _finish(
-    study: Study, config: Config, cells: Sequence[Cell], scheduler: str | None, workers: int
+    run_cell: Callable[..., list[dict[str, Any]]],
+    config: Config,
+    cells: Sequence[Cell],
+    scheduler: str | None,
+    workers: int,
 ) -> Iterable[Finished]:
     """Yield cells with their rows and seconds as they finish."""
     if scheduler is None and (workers == 1 or len(cells) < 2):
-        return (run_timed(study.run_cell, config, cell) for cell in cells)
+        return (run_timed(run_cell, config, cell) for cell in cells)
     from simrig.evaluation.studies.distributed import run_on_workers
 
-    return run_on_workers(study.run_cell, config, cells, scheduler, workers)
+    return run_on_workers(run_cell, config, cells, scheduler, workers)
 
 
 def run_timed(

@@ -106,13 +106,13 @@ def _line(values: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
         (t, EVEN, EVEN, texels, 3).
     """
     out = np.empty((len(weights), *values.shape[1:]))
-    counts = weights.any(axis=2)
-    between = counts.sum(axis=1) > 1
-    for number in np.flatnonzero(~between):
-        own = int(counts[number].argmax())
+    counts = np.any(weights, axis=2).astype(int)
+    lowest, between = counts.argmax(axis=1), counts.sum(axis=1) > 1
+    for number in np.flatnonzero(~between).tolist():
+        own = int(lowest[number])
         out[number] = weights[number, own, :, None] * values[own]
-    for first in np.unique(counts.argmax(axis=1)[between]):
-        inside = between & (counts.argmax(axis=1) == first)
+    for first in np.unique(lowest[between]).tolist():
+        inside = between & (lowest == first)
         out[inside] = _moved(values[first : first + 2], weights[inside, first + 1], axis)
     return out
 
