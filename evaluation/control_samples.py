@@ -140,10 +140,10 @@ def look_through_centres(scene: Any) -> tuple[Any, int, int]:
 
 
 def shape_numbers(scene: Any, si: Any) -> np.ndarray:
-    """Return the index in ``scene.shapes()`` of what each interaction hit (0 where nothing)."""
+    """Return the index in ``scene.shapes()`` of what each interaction hit, -1 where nothing."""
     known = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
     hit = np.array(dr.reinterpret_array(mi.UInt32, si.shape))
-    place = np.zeros(int(max(known.max(), hit.max())) + 1, dtype=np.int64)
+    place = np.full(int(max(known.max(initial=0), hit.max(initial=0))) + 1, -1, dtype=np.int64)
     place[known] = np.arange(len(known))
     return place[hit]
 

@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.arrays import aligned
+from simrig.evaluation.control_samples import shape_numbers
 from simrig.evaluation.rendering import timed
 
 PIXELS = 1024  # looked at, at most
@@ -76,7 +77,7 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
         radiance = radiance_along(scene, integrator, ray, weight)
         dr.eval(radiance)
         dr.sync_thread()
-    body = _shape_numbers(scene, si).reshape(count, samples)
+    body = shape_numbers(scene, si).reshape(count, samples)
     normal = dr.select(si.wi.z < 0.0, -si.n, si.n)
     seen, position, facing = (rows(x).reshape(count, samples, 3) for x in (radiance, si.p, normal))
     return CameraLook(
@@ -162,7 +163,7 @@ def look_at_surfaces(scene: Any, bodies: list, points: int = 128, samples: int =
     value = bsdf.eval(mi.BSDFContext(), si, drawn.wo, valid)
     delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
     dr.eval(weight, value, delta, si.shape)
-    body = _shape_numbers(scene, si)[::samples]
+    body = shape_numbers(scene, si)[::samples]
     hit = body >= 0
     weights, values = (
         rows(three_channels(x)).reshape(count, samples, 3)[hit] for x in (weight, value)
@@ -233,7 +234,7 @@ def look_between(
     radiance = radiance_along(scene, integrator, ray)
     si = scene.ray_intersect(ray)
     dr.eval(radiance, si.shape)
-    body = _shape_numbers(scene, si)
+    body = shape_numbers(scene, si)
     return body[body >= 0], rows(radiance)[body >= 0]
 
 
@@ -263,15 +264,6 @@ def on_device(values: np.ndarray) -> Any:
 
 def _vectors(make: Any, rows: np.ndarray) -> Any:
     return make(*(on_device(column) for column in rows.T))
-
-
-def _shape_numbers(scene: Any, si: Any) -> np.ndarray:
-    """Return the index in ``scene.shapes()`` of what each interaction hit, -1 where nothing."""
-    known = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
-    hit = np.array(dr.reinterpret_array(mi.UInt32, si.shape))
-    place = np.full(int(max(known.max(initial=0), hit.max(initial=0))) + 1, -1, dtype=np.int64)
-    place[known] = np.arange(len(known))
-    return place[hit]
 
 
 def rows(vectors: Any) -> np.ndarray:
