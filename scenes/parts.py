@@ -140,16 +140,16 @@ def ball(radius: float, centre: tuple[float, float], material: Any) -> dict:
     along the meridians, up. A pole, where u and v are undefined, lies exactly on the outline: no
     pixel sees it from the front and none has it inside its disc.
     """
-    x, y = centre
-    # a quarter turn about x, written out: a computed one is off by 1e-8, which Mitsuba warns of
+    return {"type": "sphere", "radius": radius, "to_world": upright(*centre), "bsdf": material}
+
+
+def upright(x: float, y: float) -> Any:
+    """Return the transform that turns a shape's z axis up and puts it at (x, y, 0), in mm.
+
+    The quarter turn about x is written out: a computed one is off by 1e-8, which Mitsuba warns of.
+    """
     turned = np.array([[1, 0, 0, x], [0, 0, 1, y], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
-    to_world = type(transform())(turned)
-    return {
-        "type": "sphere",
-        "radius": radius,
-        "to_world": to_world,
-        "bsdf": material,
-    }
+    return type(transform())(turned)
 
 
 def direct() -> dict:

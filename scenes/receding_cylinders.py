@@ -15,7 +15,7 @@ import numpy as np
 
 from simrig.errors import SimrigError
 from simrig.scenes.cylinder_layout import cylinder_row, positions_mm
-from simrig.scenes.parts import all_lights, by_part, share, transform
+from simrig.scenes.parts import all_lights, by_part, share, transform, upright
 from simrig.scenes.perspective import perspective_camera
 from simrig.scenes.stimuli import CYLINDER_HEIGHT, CYLINDER_RADIUS
 
@@ -78,7 +78,7 @@ def receding_cylinders(
     scene["standing"] = {
         "type": "shapegroup",
         **{
-            half: {"type": "cylinder", "to_world": _upright(foot), "bsdf": shared[half][1]}
+            half: {"type": "cylinder", "to_world": _standing(foot), "bsdf": shared[half][1]}
             for half, foot in zip(HALVES, (0.0, -HALF_HEIGHT), strict=True)
         },
     }
@@ -105,11 +105,9 @@ def placements(experiment: str, turn_deg: float = 0.0) -> dict[str, Any]:
     return found
 
 
-def _upright(foot: float) -> Any:
+def _standing(foot: float) -> Any:
     """Return half of a cylinder on the y axis from the unit cylinder on the z axis."""
-    turned = np.array([[1, 0, 0, 0], [0, 0, 1, foot], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=float)
-    stretch = [CYLINDER_RADIUS, CYLINDER_RADIUS, HALF_HEIGHT]
-    return type(transform())(turned) @ transform().scale(stretch)
+    return upright(0.0, foot) @ transform().scale([CYLINDER_RADIUS, CYLINDER_RADIUS, HALF_HEIGHT])
 
 
 def patched(bsdf: Any, width_mm: float, reflectance: float = 0.2) -> dict[str, Any]:
