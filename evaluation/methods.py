@@ -193,79 +193,58 @@ def _gantry(
     return rebuilt(measurement.cost, rebuild, plan.describe())
 
 
-_ALL = (
-    Method("slices", "adaptive slices, all kinds (5.3)", partial(_slices, "all", reconstruct), 55),
-    Method(
+# name and one line of each, by how it measures
+_ALONG_SLICES = (
+    ("slices", "adaptive slices, all kinds (5.3)", "all", reconstruct),
+    (
         "slices_axial_diagonal",
         "adaptive slices, axial and diagonal only (5.3)",
-        partial(_slices, "axial_diagonal", reconstruct),
-        55,
+        "axial_diagonal",
+        reconstruct,
     ),
-    Method(
+    (
         "improved",
         "adaptive slices, all kinds, interpolated along highlights (5.7 in 4-D)",
-        partial(_slices, "all", reconstruct_along_highlights),
-        55,
+        "all",
+        reconstruct_along_highlights,
     ),
-    Method(
+    (
         "improved_axial_diagonal",
         "as improved, axial and diagonal slices only",
-        partial(_slices, "axial_diagonal", reconstruct_along_highlights),
-        55,
+        "axial_diagonal",
+        reconstruct_along_highlights,
     ),
-    Method(
-        "barycentric",
-        "uniform scheme, barycentric interpolation (5.5.2)",
-        partial(_on_scheme, "barycentric", _uniform),
-        435,
+)
+_ON_UNIFORM_SCHEMES = {
+    "barycentric": "uniform scheme, barycentric interpolation (5.5.2)",
+    "rbf_global": "uniform scheme, one radial basis function per sample (5.5.2)",
+    "rbf_local": "uniform scheme, radial basis functions of the nearest samples",
+    "rbf_global_log": "as rbf_global, of the logarithms of the values",
+    "rbf_local_log": "as rbf_local, of the logarithms of the values",
+}
+_ON_GANTRIES = {
+    "a": "gantry slices, radial basis functions between elevations (6.1, A)",
+    "b": "gantry slices, linear along a Lafortune model (6.1, B)",
+    "bd": "gantry slices, displacement interpolation (6.1, BD)",
+}
+_ALL = (
+    *(
+        Method(name, about, partial(_slices, slice_types, rebuild), least_samples=55)
+        for name, about, slice_types, rebuild in _ALONG_SLICES
     ),
-    Method(
-        "rbf_global",
-        "uniform scheme, one radial basis function per sample (5.5.2)",
-        partial(_on_scheme, "rbf_global", _uniform),
-        435,
-    ),
-    Method(
-        "rbf_local",
-        "uniform scheme, radial basis functions of the nearest samples",
-        partial(_on_scheme, "rbf_local", _uniform),
-        435,
-    ),
-    Method(
-        "rbf_global_log",
-        "as rbf_global, of the logarithms of the values",
-        partial(_on_scheme, "rbf_global_log", _uniform),
-        435,
-    ),
-    Method(
-        "rbf_local_log",
-        "as rbf_local, of the logarithms of the values",
-        partial(_on_scheme, "rbf_local_log", _uniform),
-        435,
+    *(
+        Method(name, about, partial(_on_scheme, name, _uniform), least_samples=435)
+        for name, about in _ON_UNIFORM_SCHEMES.items()
     ),
     Method(
         "regular_grid",
         "regular grid, multilinear interpolation",
         partial(_on_scheme, "regular_grid", _regular),
-        10,
+        least_samples=10,
     ),
-    Method(
-        "gantry_a",
-        "gantry slices, radial basis functions between elevations (6.1, A)",
-        partial(_gantry, "a"),
-        32,
-    ),
-    Method(
-        "gantry_b",
-        "gantry slices, linear along a Lafortune model (6.1, B)",
-        partial(_gantry, "b"),
-        32,
-    ),
-    Method(
-        "gantry_bd",
-        "gantry slices, displacement interpolation (6.1, BD)",
-        partial(_gantry, "bd"),
-        32,
+    *(
+        Method(f"gantry_{name}", about, partial(_gantry, name), least_samples=32)
+        for name, about in _ON_GANTRIES.items()
     ),
 )
 
