@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from simrig.cost import stopwatch
 from simrig.effects import Tolerance
 from simrig.errors import SimrigError, unknown_name
 from simrig.evaluation.convergence_ledger import Ledger
@@ -88,14 +88,14 @@ def converge(
         raise SimrigError(f"the time budget must be above 0 s, got {budget_seconds:g}")
     scenes = {name: load(with_sampler(scene, name)) for name in dict.fromkeys(samplers)}
     ledger = ledger or Ledger()
-    start = time.perf_counter() - ledger.seconds
+    elapsed = stopwatch(ledger.seconds)
     total = len(methods) * len(levels) + 1
     report = progress or (lambda *_: None)
     report(0, total, "reference")
     if ledger.reference is None:
         reference_scene = load(with_sampler(scene, "independent"))
         found = _reference(reference_scene, tolerance, budget_seconds, exposure, seed)
-        ledger.note_reference(*found, time.perf_counter() - start)
+        ledger.note_reference(*found, elapsed())
     picture, reference = ledger.found_reference()
     done, left_out = 1, 0
     for level, (integrator, sampler) in itertools.product(levels, methods):
@@ -106,12 +106,12 @@ def converge(
         if last is not None and last.spp >= spp:  # noted, or two levels that are rounded to one
             continue
         expected = 0.0 if last is None else 2.0 * last.run_seconds * spp / last.spp
-        if time.perf_counter() - start + expected > budget_seconds:
+        if elapsed() + expected > budget_seconds:
             left_out += 1
             continue
         pair = _pair(scenes[sampler], integrator, spp, seed + 1)
         point = _point(integrator, sampler, pair, picture, reference, tolerance, exposure)
-        ledger.note(point, time.perf_counter() - start)
+        ledger.note(point, elapsed())
     report(total, total)
     return result_so_far(ledger, tolerance, left_out)
 
@@ -170,7 +170,7 @@ def _reference(
     scene: Any, tolerance: Tolerance, budget_seconds: float, exposure: float, seed: int
 ) -> tuple[np.ndarray, Reference]:
     """Render the reference until it is good enough or its share of the time is spent."""
-    start = time.perf_counter()
+    elapsed = stopwatch()
     enough = _REFERENCE_PART * tolerance.amount
     integrator = _integrator(scene, REFERENCE)
     picture = converged(
@@ -181,7 +181,7 @@ def _reference(
     )
     errors = picture.standard_errors(exposure)
     error = errors[tolerance.metric]
-    seconds = time.perf_counter() - start
+    seconds = elapsed()
     stated = Reference(
         spp=picture.spp,
         delta_e=errors["dE"],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import platform
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 import simrig
-from simrig.cost import Cost
+from simrig.cost import Cost, stopwatch
 from simrig.errors import SimrigError
 from simrig.evaluation.angular_grid import AngularGrid
 from simrig.evaluation.comparison import (
@@ -75,16 +74,16 @@ def reflectance_errors(
         metric over the whole grid, None when that was not asked for. Plain values.
     """
     about: dict[str, Any] = {"step_deg": grid.step_deg, "theta_max_deg": grid.theta_max_deg}
-    start = time.perf_counter()
+    elapsed = stopwatch()
     samples = min(settings.estimate_samples, grid.directions)
     estimate = _plain(mre_estimate(truth, other, samples, seed=seed, **about))
-    estimate["seconds"] = time.perf_counter() - start
+    estimate["seconds"] = elapsed()
     exact = None
     if settings.exact:
-        start = time.perf_counter()
+        elapsed = stopwatch()
         compared = compare_reflectances(truth, other, **about)
         exact = compared.to_dict() | _plain(compared.relative_error)
-        exact["seconds"] = time.perf_counter() - start
+        exact["seconds"] = elapsed()
     return {"mre_percent": (exact or estimate)["percent"], "estimate": estimate, "exact": exact}
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simrig.cost import Cost
+from simrig.cost import Cost, stopwatch
 from simrig.data.hdf5 import write_reflectance
 from simrig.errors import SimrigError
 from simrig.evaluation.experiment_config import BOTH_SLICE_TYPES, MeasurementSettings
@@ -150,9 +149,9 @@ class Laboratory:
 
     def _slices(self, plan: Plan, placement: SlicePlacement) -> Subject:
         measurement = self._measured(plan, placement)
-        start = time.perf_counter()
+        elapsed = stopwatch()
         reflectance = reconstruct(measurement, self.interpolation)
-        seconds = time.perf_counter() - start
+        seconds = elapsed()
         costs = {
             "sampling": measurement.cost,
             "reconstruction": Cost(compute_seconds=seconds, bytes=reflectance.stored_bytes),
@@ -183,9 +182,9 @@ class Laboratory:
     def _uniform(self, plan: Plan, grid: UniformPlan) -> Subject:
         rig = Gonioreflectometer()
         measurement = rig.measure_scheme(self.truth, grid.scheme(), reciprocal=True)
-        start = time.perf_counter()
+        elapsed = stopwatch()
         table = reconstruct_regular_grid(measurement)
-        seconds = time.perf_counter() - start
+        seconds = elapsed()
         costs = {
             "sampling": measurement.cost,
             "reconstruction": Cost(compute_seconds=seconds, bytes=table.values.nbytes),

@@ -7,13 +7,13 @@ exposed; here 98 % of the truth's pixels are below white.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from simrig.cost import stopwatch
 from simrig.evaluation import metrics
 from simrig.evaluation.brdf_picture import brdf_exposure, brdf_picture
 from simrig.reconstruction.gantry import reconstruct_gantry
@@ -82,9 +82,9 @@ def gantry_trial(
         reconstruction: arguments of ``reconstruct_gantry``.
     """
     measurement = Gantry(timing).measure(truth, plan)
-    start = time.perf_counter()
+    elapsed = stopwatch()
     result = reconstruct_gantry(measurement, **reconstruction)
-    seconds = time.perf_counter() - start
+    seconds = elapsed()
     return {
         **picture.errors(truth, result.reflectance),
         "samples": plan.samples,

@@ -7,7 +7,6 @@ how many. The methods themselves are in ``simrig.reconstruction`` and never see 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from simrig.cost import Cost
+from simrig.cost import Cost, stopwatch
 from simrig.directions.schemes import HemisphereScheme
 from simrig.errors import SimrigError, unknown_name
 from simrig.reconstruction.by_name import Rebuilt, reconstruct_by_name
@@ -92,14 +91,14 @@ def rebuilt(cost: Cost, rebuild: Callable[[], Rebuilt], *notes: str) -> MethodRe
         rebuild: makes the reflectance.
         notes: said before those of the reconstruction.
     """
-    start = time.perf_counter()
+    elapsed = stopwatch()
     made = rebuild()
     return MethodResult(
         reflectance=made.reflectance,
         samples=cost.samples,
         hardware_seconds=cost.hardware_seconds,
         sampling_seconds=cost.compute_seconds,
-        reconstruction_seconds=time.perf_counter() - start,
+        reconstruction_seconds=elapsed(),
         bytes=made.bytes,
         notes=(*notes, *made.notes),
     )

@@ -1,7 +1,9 @@
-"""What a result cost: samples, simulated hardware time, compute time and bytes."""
+"""What a result cost: samples, simulated hardware time, compute time and bytes; a stopwatch."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 
@@ -40,3 +42,13 @@ class Cost:
     def as_dict(self) -> dict[str, float]:
         """Return the record as plain numbers (for JSON and file attributes)."""
         return asdict(self)
+
+
+def stopwatch(already: float = 0.0) -> Callable[[], float]:
+    """Start a watch: what is returned gives the seconds since, each time it is called.
+
+    Args:
+        already: seconds that count as gone.
+    """
+    start = time.perf_counter() - already
+    return lambda: time.perf_counter() - start

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from simrig import backend
+from simrig.cost import stopwatch
 from simrig.directions.schemes import scheme
 from simrig.effects import DEFAULT_TOLERANCE, parse_tolerance
 from simrig.errors import SimrigError
@@ -76,9 +77,9 @@ def run(
     for done, (name, orders, samples, grid) in enumerate(ways):
         if progress is not None:
             progress(done, len(ways), name)
-        start = time.perf_counter()
+        elapsed = stopwatch()
         camera = TileCamera(tile, towards, steepest, shape, samples, views=len(listed), grid=grid)
-        built = time.perf_counter() - start
+        built = elapsed()
         rows.append({"way": name, "orders": orders, "spp": samples, "built_seconds": built})
         rows[-1] |= _views(camera, towards, orders, chosen)
     if progress is not None:
@@ -107,9 +108,9 @@ def _views(
     camera.view(towards[chosen[0]], numbers, orders, 0)
     seconds, cpu, noise = [], [], []
     for view in chosen.tolist():
-        start, start_cpu = time.perf_counter(), time.process_time()
+        elapsed, start_cpu = stopwatch(), time.process_time()
         images = camera.view(towards[view], numbers, orders, view)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(elapsed())
         cpu.append(time.process_time() - start_cpu)
         mean = images.values.sum(axis=0).mean(axis=(1, 2, 3))
         noise.append(np.sqrt(np.mean((images.standard_error / mean) ** 2)))

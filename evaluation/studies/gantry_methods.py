@@ -12,7 +12,6 @@ Source: thesis section 6.3.2, Figure 6.13.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from simrig import backend
+from simrig.cost import stopwatch
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.evaluation.gantry_trials import ERRORS, Picture, error_text, gantry_trial, mean_errors
 from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
@@ -80,7 +80,7 @@ def _uniform(
     truth: Reflectance, picture: Picture, table: Mapping[str, Any], logarithms: bool
 ) -> dict[str, Any]:
     measurement = Gonioreflectometer().measure_scheme(truth, thirteen(), reciprocal=False)
-    start = time.perf_counter()
+    elapsed = stopwatch()
     spline = reconstruct_rbf(measurement, reciprocal=False, logarithms=logarithms)
     result = resample_dense(
         spline.reflectance,
@@ -89,7 +89,7 @@ def _uniform(
         np.radians(75.0),
         float_type=backend.types("float64").Float,
     )
-    seconds = time.perf_counter() - start
+    seconds = elapsed()
     return {
         **picture.errors(truth, result),
         "samples": measurement.cost.samples,

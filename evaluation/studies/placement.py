@@ -21,13 +21,13 @@ Source: thesis sections 5.4.2 and 5.6.4, Eq. 5.3, Tables 5.1 and 5.4, Figs 5.5 a
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from simrig.cost import stopwatch
 from simrig.evaluation.angular_grid import AngularGrid
 from simrig.evaluation.shared_mre import SharedMre
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
@@ -95,9 +95,9 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     )
     rows = []
     for name, measurement in zip(config["materials"], found, strict=True):
-        start = time.perf_counter()
+        elapsed = stopwatch()
         result = reconstruct(measurement)
-        rebuilt = time.perf_counter()
+        rebuilding = elapsed()
         error = _estimator(name, *_estimate_settings(config)).estimate(
             result, config["relative_standard_error"]
         )
@@ -108,8 +108,8 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
                 "standard_error_percent": error.standard_error_percent,
                 "directions": error.directions,
                 "sampling_seconds": measurement.cost.compute_seconds,
-                "reconstruction_seconds": rebuilt - start,
-                "error_seconds": time.perf_counter() - rebuilt,
+                "reconstruction_seconds": rebuilding,
+                "error_seconds": elapsed() - rebuilding,
             }
         )
     return rows

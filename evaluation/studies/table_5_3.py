@@ -19,11 +19,11 @@ Source: thesis section 5.5.4, Table 5.3.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simrig.cost import stopwatch
 from simrig.evaluation.mre import mre_exact
 from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
@@ -83,12 +83,12 @@ def _row(material: str, case: str, step_deg: float) -> dict[str, Any]:
     truth = kurt_material(material)
     placement = SlicePlacement.from_degrees(e_s, a_s)
     measurement = Gonioreflectometer().measure(truth, placement, samples, slice_types=slice_types)
-    start = time.perf_counter()
+    elapsed = stopwatch()
     result = reconstruct(measurement)
-    seconds = time.perf_counter() - start
-    start = time.perf_counter()
+    seconds = elapsed()
+    elapsed = stopwatch()
     one_pole = mre_exact(truth, to_dense(result, step_deg), step_deg=step_deg).percent
-    error_seconds = time.perf_counter() - start
+    error_seconds = elapsed()
     to_the_letter = to_dense(reconstruct(measurement, one_pole=False), step_deg)
     error = mre_exact(truth, to_the_letter, step_deg=step_deg)
     published = PUBLISHED[case][KURT_MATERIALS.index(material.removesuffix("_rescaled"))]

@@ -13,6 +13,7 @@ from simrig.cli import frame
 from simrig.cli.effect_options import plan_table
 from simrig.cli.outputs import output_file
 from simrig.cli.schemes import named_scheme
+from simrig.cost import stopwatch
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def measure(
     dtype = np.float32 if single else np.float16
     size = stack_bytes(len(angles), shape, dtype)
     _check_room(output, size)
-    start, plan = time.perf_counter(), None
+    elapsed, plan = stopwatch(), None
     with output_file(output, force):
         frame.on_interrupt(f"the same command goes on from '{output}.part'")
         variant = backend.select("auto")
@@ -125,7 +126,7 @@ def measure(
                 progress=report,
             )
     data = _described(output) | {
-        "seconds": time.perf_counter() - start,
+        "seconds": elapsed(),
         "cpu_seconds": time.process_time(),
         "plan": None if plan is None else plan.as_dict(),
     }
@@ -227,12 +228,12 @@ def from_slices(
     from simrig.data.btf_hdf5 import read_btf, write_btf
     from simrig.reconstruction.gantry_btf import reconstruct_btf
 
-    start = time.perf_counter()
+    elapsed = stopwatch()
     with output_file(output, force):
         with frame.progress(f"{measured.name}, method {method.upper()}; texels") as report:
             stack = reconstruct_btf(read_btf(measured), method, progress=report)
         write_btf(output, stack)
-    data = _described(output) | {"seconds": time.perf_counter() - start}
+    data = _described(output) | {"seconds": elapsed()}
     return frame.Report(
         data,
         [f"{output}: {len(stack):,} images, {_mega(stack.nbytes)}, in {data['seconds']:.1f} s"],

@@ -13,6 +13,7 @@ from simrig.cli.gantry import measure_gantry
 from simrig.cli.outputs import output_file
 from simrig.cli.rebuild import Method, load_measurement, rebuilt
 from simrig.cli.schemes import DEFAULT_THETA_MAX, measure_scheme, scheme_of
+from simrig.cost import stopwatch
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -225,15 +226,13 @@ def reconstruct(
     The methods: docs/methods.md. Radial basis functions (rbf-…) are too slow to render and are
     stored as a table.
     """
-    from time import perf_counter
-
     from simrig.data.load import save_material
 
     measured = load_measurement(measurement)
     with output_file(output, force):
-        start = perf_counter()
+        elapsed = stopwatch()
         made = rebuilt(measured, method, interpolation and str(interpolation), step)
-        seconds = perf_counter() - start
+        seconds = elapsed()
         saved = save_material(output, made.reflectance, format)
     return frame.Report(
         data={

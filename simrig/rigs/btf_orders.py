@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from simrig.cost import stopwatch
 from simrig.directions.spherical import to_vector
 from simrig.effects import Bound, Decision, Overrides, Plan, Tolerance, decide
 from simrig.mesostructure.tile import Tile
@@ -88,7 +88,7 @@ def plan_orders(
         seed: of the samples.
     """
     effects = tuple(OrderEffect(order) for order in range(2, MOST_ORDERS + 1))
-    start = time.perf_counter()
+    elapsed = stopwatch()
     if tile.height_mm[0] == tile.height_mm[1]:
         flat = np.zeros((MOST_ORDERS, 1, 3))
         flat[0] = 1.0
@@ -98,7 +98,7 @@ def plan_orders(
     decisions: tuple[Decision, ...] = decide(effects, subject, tolerance, Overrides())
     on = [order for order, decision in enumerate(decisions, start=2) if decision.on]
     settings = {"orders": max(on, default=1)}
-    about = {"planning_seconds": time.perf_counter() - start}
+    about = {"planning_seconds": elapsed()}
     return Plan(decisions, settings, tolerance, about)
 
 
@@ -114,9 +114,9 @@ def _probed(tile: Tile, angles: np.ndarray, samples: float, seed: int) -> Orders
     found: list[np.ndarray] = []
     seconds: list[float] = []
     for number, view in enumerate(to_vector(views[:, 0], views[:, 1])):
-        start = time.perf_counter()
+        elapsed = stopwatch()
         found.append(camera.view(view, numbers, MOST_ORDERS, number).values)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(elapsed())
     orders = np.concatenate(found, axis=1).astype(np.float64)  # (orders, pairs, H, W, 3)
     before, last = orders[-2].sum(), orders[-1].sum()
     ratio = min(last / before, _LARGEST_RATIO) if before > 0.0 else 0.0

@@ -8,13 +8,13 @@ pairs cannot change it more.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
 
+from simrig.cost import stopwatch
 from simrig.effects import Bound, Overrides, Plan, Tolerance, decide
 from simrig.errors import SimrigError, unknown_name
 from simrig.reflectance.protocol import Reflectance
@@ -52,9 +52,9 @@ class RigSubject:
     def __post_init__(self) -> None:
         if self.angles.ndim != 2 or self.angles.shape[1] != 4 or len(self.angles) == 0:
             raise SimrigError("a rig is planned for directions of shape (n, 4), n >= 1")
-        start = time.perf_counter()
+        elapsed = stopwatch()
         values = recording.at(self.reflectance, recording.within_reach(self.angles))
-        seconds = time.perf_counter() - start
+        seconds = elapsed()
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "evaluation_seconds", seconds / len(self.angles))
 
@@ -254,7 +254,7 @@ def plan_directions(
     Raises:
         SimrigError: overrides that name an unknown effect.
     """
-    start = time.perf_counter()
+    elapsed = stopwatch()
     step = max(len(angles) // _PROBE, 1)
     subject = RigSubject(reflectance, instrument, angles[::step], samples or len(angles))
     decisions = decide(RIG_EFFECTS, subject, tolerance, overrides)
@@ -264,4 +264,4 @@ def plan_directions(
         "nodes": _NODES,
         "seed": instrument.seed,
     }
-    return Plan(decisions, settings, tolerance, about={"planning_s": time.perf_counter() - start})
+    return Plan(decisions, settings, tolerance, about={"planning_s": elapsed()})

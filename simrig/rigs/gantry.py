@@ -8,7 +8,6 @@ is not reciprocal (an ABRDF) stays so.
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import simrig
-from simrig.cost import Cost
+from simrig.cost import Cost, stopwatch
 from simrig.data import hdf5
 from simrig.errors import SimrigError
 from simrig.reflectance.protocol import Reflectance
@@ -115,9 +114,9 @@ class Gantry:
                 f"'{reflectance.name}' has data up to theta = {own:g} degrees, the gantry asks for "
                 f"{asked:g}: choose lower elevations"
             )
-        start = time.perf_counter()
+        elapsed = stopwatch()
         values = Gonioreflectometer().measure_directions(reflectance, plan.angles())
-        seconds = time.perf_counter() - start
+        seconds = elapsed()
         cost = Cost(
             samples=plan.samples,
             hardware_seconds=self.timing.seconds(len(plan.elevations), plan.axial + plan.diagonal),

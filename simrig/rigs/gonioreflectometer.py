@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import simrig
-from simrig.cost import Cost
+from simrig.cost import Cost, stopwatch
 from simrig.directions.schemes import HemisphereScheme
 from simrig.errors import SimrigError
 from simrig.reflectance.protocol import Reflectance
@@ -126,14 +125,8 @@ class Gonioreflectometer:
             **self._conditions(),
         }
         log = ReplayLog(checkpoint, setting)
-
-        def take(angles: np.ndarray) -> np.ndarray:
-            values = self.measure_directions(reflectance, angles)
-            if progress is not None:
-                progress(len(log) + len(values), samples)
-            return values
-
-        start = time.perf_counter()
+        take = self._taker(reflectance, log, samples, progress)
+        elapsed = stopwatch()
         found = sample_adaptively(
             lambda angles, _: log.measure(angles, take, 512 if checkpoint else len(angles)),
             placement,
@@ -143,7 +136,7 @@ class Gonioreflectometer:
             p_1=p_1,
             p_2=p_2,
         )[0]
-        seconds = time.perf_counter() - start
+        seconds = elapsed()
         log.remove()
         return self._measurement(found, placement, slice_types, reflectance, setting, seconds)
 
@@ -168,11 +161,11 @@ class Gonioreflectometer:
                 values[mine] = self.measure_directions(reflectance, angles[mine])
             return values
 
-        start = time.perf_counter()
+        elapsed = stopwatch()
         found = sample_adaptively(
             take, placement, samples, materials=len(reflectances), slice_types=slice_types
         )
-        seconds = (time.perf_counter() - start) / len(reflectances)
+        seconds = elapsed() / len(reflectances)
         setting = {"samples": samples, **self._conditions()}
         return [
             self._measurement(own, placement, slice_types, material, setting, seconds)
@@ -268,22 +261,29 @@ class Gonioreflectometer:
             **self._conditions(),
         }
         log = ReplayLog(checkpoint, setting)
-
-        def take(part: np.ndarray) -> np.ndarray:
-            values = self.measure_directions(reflectance, part)
-            if progress is not None:
-                progress(len(log) + len(values), total)
-            return values
-
-        start = time.perf_counter()
+        take = self._taker(reflectance, log, total, progress)
+        elapsed = stopwatch()
         # every save writes all that was measured so far: at most fifty of them
         chunk = max(512, total // 50) if checkpoint or progress else total
         values = log.measure(angles, take, chunk)
-        seconds = time.perf_counter() - start
+        seconds = elapsed()
         log.remove()
         cost = self._cost(total, seconds, adaptive=False)
         provenance = self._provenance(plan, setting)
         return DirectionsMeasurement(angles, values, reflectance.name, cost, provenance)
+
+    def _taker(
+        self, reflectance: Reflectance, log: ReplayLog, total: int, progress: Progress | None
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        """Return what measures directions and says how many are then done, replayed ones too."""
+
+        def take(angles: np.ndarray) -> np.ndarray:
+            values = self.measure_directions(reflectance, angles)
+            if progress is not None:
+                progress(len(log) + len(values), total)
+            return values
+
+        return take
 
     def _conditions(self) -> dict[str, Any]:
         """Return the effects and what they depend on, as plain values; nothing without effects."""
