@@ -59,6 +59,8 @@ def make_app() -> typer.Typer:
             frame.on_interrupt("run it again to go on")
         if how == "lost":
             lose_an_interrupt()
+        if how == "warned":
+            os.write(1, b"WARN from native code\n")
         if how in failures:
             raise failures[how]
         data = {"count": np.int64(count), "error": np.float32(np.nan), "peak": float("inf")}
@@ -133,6 +135,15 @@ def test_an_error_of_usage_is_one_line_too(arguments: list[str], message: str) -
 def test_json_is_all_that_stands_on_standard_output() -> None:
     result = act("fine", "--count", "7", "--json")
     assert json.loads(result.stdout) == {"count": 7, "error": None, "peak": None}
+
+
+def test_what_native_code_prints_does_not_join_the_report(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    result = act("warned", "--json")
+    printed = capfd.readouterr()
+    assert json.loads(result.stdout)["count"] == 1
+    assert (printed.out, printed.err) == ("", "WARN from native code\n")
 
 
 def test_text_is_shown_as_it_is() -> None:

@@ -13,6 +13,7 @@ and everything else to standard error, and turns what goes wrong into an exit co
 from __future__ import annotations
 
 import _thread
+import ctypes
 import importlib
 import inspect
 import os
@@ -103,7 +104,8 @@ def _framed(function: Callable[..., Report]) -> Callable[..., None]:
         _run = _Run(quiet=quiet, verbose=verbose)
         with _errors_as_exit_codes():
             _mute_native_messages()
-            report = function(**arguments)
+            with _native_output_on_standard_error():
+                report = function(**arguments)
             _print_report(report, as_json)
         raise typer.Exit(report.exit_code)
 
@@ -124,6 +126,23 @@ def _mute_native_messages() -> None:
     """Let ``simrig.backend`` be the first to import Dr.Jit, which it does without its messages."""
     with suppress(ImportError):  # the doctor must be able to say that Dr.Jit is missing
         importlib.import_module("simrig.backend")
+
+
+@contextmanager
+def _native_output_on_standard_error() -> Iterator[None]:
+    """Send what native code prints (Mitsuba's warnings) to standard error, beside the report."""
+    try:
+        saved = os.dup(1)
+        os.dup2(2, 1)
+    except OSError:  # one of the two streams is closed
+        yield
+        return
+    try:
+        yield
+    finally:
+        ctypes.CDLL(None).fflush(None)  # what C and C++ have not written yet
+        os.dup2(saved, 1)
+        os.close(saved)
 
 
 @contextmanager
