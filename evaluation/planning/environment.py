@@ -6,6 +6,7 @@ light; ``planning.places`` says what the difference is worth.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,10 +18,9 @@ import numpy as np
 from simrig.effects import Bound, Decision, Overrides, Tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation.planning.change import Display
-from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.integrators import direct_integrator
-from simrig.evaluation.planning.noise import samples_needed
-from simrig.evaluation.planning.places import Places, measured_change
+from simrig.evaluation.planning.noise import SamplingNoise
+from simrig.evaluation.planning.places import measured_change
 from simrig.evaluation.planning.subject import SceneSubject
 
 ENVIRONMENT, BSDF_SAMPLING = "environment", "bsdf-sampling"
@@ -29,7 +29,7 @@ ENVIRONMENT, BSDF_SAMPLING = "environment", "bsdf-sampling"
 NEED_THE_MAP = ("inter-reflection", "spectral")
 
 COUNTS = (16, 32, 64, 128, 256, 512, 1024)  # of lights, from which a plan chooses
-_TIMED = 2 * COUNTS[-1]  # lights evaluated per place, about, to time them
+_TIMED, _TIMED_SAMPLES = 128, 4  # lights and samples at each place, to time them
 _WORTH = 0.5  # of the map's time: what lights may take, estimates of time being rough
 
 
@@ -37,37 +37,34 @@ class MapAndLights:
     """The looked-at pixels of a scene under its map and under directional lights for it.
 
     Attributes:
-        scene: a loaded scene with an environment map, in a variant that is not spectral.
+        subject: a scene with an environment map, in a variant that is not spectral.
         shadows: whether lights are tested for being hidden.
-        environment: the map's radiance.
         map: (n, places, 3) radiance under the map.
         seconds_per_sample: of the map, kernels only.
     """
 
-    def __init__(self, scene: Any, shadows: bool) -> None:
-        self.scene = scene
+    def __init__(self, subject: SceneSubject, shadows: bool) -> None:
+        self.subject = subject
         self.shadows = shadows
-        self.environment = Environment(scene.environment())
-        self._places = Places(scene)
-        self.map, self.seconds_per_sample = self._places.look(direct_integrator(scene, shadows))
-        self._lights: dict[int, np.ndarray] = {}
+        self.map, self.seconds_per_sample = subject.direct_at_places(shadows)
+        self._looks: dict[int, tuple[np.ndarray, float]] = {}
 
     def lights(self, count: int) -> np.ndarray:
         """Return (n, places, 3) radiance under ``count`` lights."""
-        if count not in self._lights:
-            self._lights[count] = self._places.look(self._integrator(count), 1)[0]
-        return self._lights[count]
+        return self._look(count)[0]
 
-    def seconds(self, count: int) -> float:
-        """Return the seconds of a sample under ``count`` lights.
+    @property
+    def seconds_per_light(self) -> float:
+        """Of a sample under ``_TIMED`` lights, kernels only."""
+        return self._look(_TIMED)[1] / _TIMED
 
-        As much is at work as when the map is timed, so that a busy machine slows both.
-        """
-        drawn = 4 ** (int(np.log2(_TIMED // count)) // 2)
-        return self._places.look(self._integrator(count), drawn)[1]
-
-    def _integrator(self, count: int) -> dict[str, Any]:
-        return direct_integrator(self.scene, self.shadows, lights=self.environment.lights(count))
+    def _look(self, count: int) -> tuple[np.ndarray, float]:
+        if count not in self._looks:
+            lights = self.subject.environment.lights(count)
+            integrator = direct_integrator(self.subject.scene, self.shadows, lights=lights)
+            drawn = _TIMED_SAMPLES if count == _TIMED else 1
+            self._looks[count] = self.subject.places.look(integrator, drawn)
+        return self._looks[count]
 
     def change(self, display: Display, count: int) -> float:
         """Return the most that ``count`` lights change, in the unit of the display's tolerance."""
@@ -92,7 +89,12 @@ class Choice:
 
 
 def choose_lights(
-    subject: SceneSubject, allowed: Tolerance, noise: Tolerance, room: float, shadows: bool
+    subject: SceneSubject,
+    allowed: Tolerance,
+    noise: Tolerance,
+    room: float,
+    shadows: bool,
+    at_any_cost: bool = False,
 ) -> Choice:
     """Return the fewest lights whose change fits, the most lights when none does.
 
@@ -102,19 +104,21 @@ def choose_lights(
         noise: what sampling may change, for the estimates of time.
         room: what the lights may change.
         shadows: whether lights are tested for being hidden.
+        at_any_cost: look at lights as well that take more than their part of the map's time.
     """
-    looked = MapAndLights(subject.scene, shadows)
+    looked = MapAndLights(subject, shadows)
     display = subject.display(allowed)
-    place = bisect_left(COUNTS[:-1], True, key=lambda n: looked.change(display, n) <= room)
-    count = COUNTS[place]
-    seconds = [
-        per_sample * samples_needed(seen, display, noise.amount)[0] * subject.pixels
-        for per_sample, seen in (
-            (looked.seconds(count), looked.lights(count)),
-            (looked.seconds_per_sample, subject.look.radiance),
-        )
-    ]
-    return Choice(count, looked.change(display, count), *seconds)
+
+    def samples(seen: np.ndarray) -> int:
+        return SamplingNoise(seen, display).samples_needed(noise.amount)[0] * subject.pixels
+
+    map_seconds = looked.seconds_per_sample * samples(subject.look.radiance)
+    per_light = looked.seconds_per_light * samples(looked.lights(_TIMED))
+    most = math.inf if at_any_cost else _WORTH * map_seconds / per_light
+    counts = [count for count in COUNTS if count <= most] or [COUNTS[0]]
+    place = bisect_left(counts[:-1], True, key=lambda n: looked.change(display, n) <= room)
+    count = counts[place]
+    return Choice(count, looked.change(display, count), per_light * count, map_seconds)
 
 
 def decide_environment(
@@ -127,7 +131,7 @@ def decide_environment(
     """Decide about the map of a scene, once everything else is decided.
 
     The lights get what the other effects leave of the tolerance, and are as few as fit into it.
-    They also have to take at most half of the map's time.
+    They also have to take at most half of the map's time; more are not looked at.
 
     Args:
         subject: the scene.
@@ -151,13 +155,13 @@ def decide_environment(
         if d.effect != ENVIRONMENT and not d.on and d.bound is not None
     )
     room = max(allowed.amount - used, 0.0)
-    choice = choose_lights(subject, allowed, noise, room, on["shadowing"])
+    asked = overrides.of(ENVIRONMENT)
+    choice = choose_lights(subject, allowed, noise, room, on["shadowing"], asked is not None)
     fits = choice.change <= room
     why = (
         f"{choice.count} lights change {choice.change:.3g}, {'within' if fits else 'above'} the "
         f"share {room:.3g}; they take {choice.seconds:.2g} s, the map {choice.map_seconds:.2g} s"
     )
-    asked = overrides.of(ENVIRONMENT)
     kept, why = asked or (not fits or choice.seconds > _WORTH * choice.map_seconds, why)
     bound = Bound(choice.change, allowed.unit, f"measured with {choice.count} directional lights")
     cost = choice.map_seconds - choice.seconds

@@ -6,7 +6,9 @@ lights that are sampled, and that of paths.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
+from functools import cached_property
 
 import numpy as np
 
@@ -21,60 +23,69 @@ _TRIALS = 4
 _SEED = 7
 
 
-def sampling_change(radiance: np.ndarray, display: Display, spp: int) -> float:
-    """Return the expected change of a picture of ``spp`` samples against the converged one.
+class SamplingNoise:
+    """What samples per pixel leave to chance, from a few samples of some pixels."""
 
-    Args:
-        radiance: (n, k, 3) samples of n pixels.
-        display: measures the change.
-        spp: samples per pixel.
-    """
-    count = radiance.shape[1]
-    mean = radiance.mean(axis=1)
-    draw = _split if 2 * spp <= count else _shaken
-    changes = []
-    for trial in range(_TRIALS):
-        before, after = draw(radiance, spp, trial)
-        changes.append(display.total(display.per_pixel(before, after), mean))
-    return _SAFETY * float(np.mean(changes))
+    def __init__(self, radiance: np.ndarray, display: Display) -> None:
+        """Take (n, k, 3) samples of n pixels, and what measures changes."""
+        self.radiance = radiance
+        self.display = display
+        self._sum = radiance.sum(axis=1)
 
+    def change(self, spp: int) -> float:
+        """Return the expected change of a picture of ``spp`` samples against the converged one."""
+        count = self.radiance.shape[1]
+        mean = self._sum / count
+        draw = self._split if 2 * spp <= count else self._shaken
+        trials = (draw(spp, trial) for trial in range(_TRIALS))
+        changes = [
+            self.display.total(self.display.per_pixel(before, after), mean)
+            for before, after in trials
+        ]
+        return _SAFETY * float(np.mean(changes))
 
-def _split(radiance: np.ndarray, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means of ``spp`` samples of each pixel and of all its others."""
-    first = trial * spp % (radiance.shape[1] - spp + 1)
-    few = radiance[:, first : first + spp].sum(axis=1)
-    others = radiance.sum(axis=1) - few
-    return np.maximum(others, 0.0) / (radiance.shape[1] - spp), few / spp
+    def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the means of ``spp`` samples of each pixel and of all its others."""
+        count = self.radiance.shape[1]
+        first = trial * spp % (count - spp + 1)
+        few = self.radiance[:, first : first + spp].sum(axis=1)
+        return np.maximum(self._sum - few, 0.0) / (count - spp), few / spp
 
+    def _shaken(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the means and the same with the error that ``spp`` samples would have."""
+        mean = self._sum / self.radiance.shape[1]
+        return mean, np.maximum(mean + self._errors[trial] / math.sqrt(spp), 0.0)
 
-def _shaken(radiance: np.ndarray, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means and the same with the error that ``spp`` samples would have.
+    @cached_property
+    def _errors(self) -> list[np.ndarray]:
+        """Errors that one sample may have, (n, 3) each.
 
-    Residuals with random signs have the covariance of the samples, colours included.
-    """
-    count = radiance.shape[1]
-    mean = radiance.mean(axis=1)
-    signs = np.random.default_rng(_SEED + trial).choice([-1.0, 1.0], size=radiance.shape[:2])
-    shaken = np.einsum("nk,nkc->nc", signs, radiance) - signs.sum(axis=1)[:, None] * mean
-    error = shaken / np.sqrt((count - 1) * spp)
-    return mean, np.maximum(mean + error, 0.0)
+        Residuals with random signs have the covariance of the samples, colours included.
+        """
+        pixels, count = self.radiance.shape[:2]
+        errors = []
+        for trial in range(_TRIALS):
+            signs = np.random.default_rng(_SEED + trial).choice([-1.0, 1.0], size=(pixels, count))
+            shaken = np.einsum("nk,nkc->nc", signs, self.radiance)
+            shaken -= signs.sum(axis=1)[:, None] * self._sum / count
+            errors.append(shaken / math.sqrt(count - 1))
+        return errors
 
+    def samples_needed(self, allowed: float) -> tuple[int, float]:
+        """Return the least spp whose expected change is allowed, and that change.
 
-def samples_needed(radiance: np.ndarray, display: Display, allowed: float) -> tuple[int, float]:
-    """Return the least spp whose expected change is allowed, and that change.
+        The candidates are 1, 2, 3, 4, 6, 8, 12, ...; the last is ``MOST_SAMPLES``, whatever the
+        change is then. The change falls with the samples, so they are searched by halves.
+        """
+        candidates = _candidates(MOST_SAMPLES)
+        changes: dict[int, float] = {}
 
-    The candidates are 1, 2, 3, 4, 6, 8, 12, ...; the last is ``MOST_SAMPLES``, whatever the change
-    is then. The change falls with the samples, so they are searched by halves.
-    """
-    changes: dict[int, float] = {}
+        def suffices(spp: int) -> bool:
+            changes[spp] = self.change(spp)
+            return changes[spp] <= allowed
 
-    def suffices(spp: int) -> bool:
-        changes[spp] = sampling_change(radiance, display, spp)
-        return changes[spp] <= allowed
-
-    candidates = _candidates(MOST_SAMPLES)
-    spp = candidates[bisect_left(candidates[:-1], True, key=suffices)]
-    return spp, changes[spp] if spp in changes else sampling_change(radiance, display, spp)
+        spp = candidates[bisect_left(candidates[:-1], True, key=suffices)]
+        return spp, changes[spp] if spp in changes else self.change(spp)
 
 
 def _candidates(most: int) -> list[int]:

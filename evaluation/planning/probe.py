@@ -70,15 +70,15 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
     )
     # without differentials a texture is not filtered: its detail counts as spread
     with timed() as meeting:
-        si = scene.ray_intersect(ray)
-        dr.eval(si)
+        si = scene.ray_intersect(ray, mi.RayFlags.Minimal, True)
+        dr.eval(si.p, si.n, si.shape)
         dr.sync_thread()
     with timed() as clock:
         radiance = radiance_along(scene, integrator, ray, weight)
         dr.eval(radiance)
         dr.sync_thread()
     body = shape_numbers(scene, si).reshape(count, samples)
-    normal = dr.select(si.wi.z < 0.0, -si.n, si.n)
+    normal = dr.select(dr.dot(si.n, ray.d) > 0.0, -si.n, si.n)
     seen, position, facing = (rows(x).reshape(count, samples, 3) for x in (radiance, si.p, normal))
     return CameraLook(
         seen,

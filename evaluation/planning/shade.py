@@ -23,9 +23,8 @@ from scipy.spatial import KDTree
 
 from simrig.effects import Bound, Tolerance
 from simrig.evaluation.planning.directional import Environment
-from simrig.evaluation.planning.integrators import direct_integrator
 from simrig.evaluation.planning.occlusion import can_hide_points
-from simrig.evaluation.planning.places import Places, measured_change
+from simrig.evaluation.planning.places import measured_change
 from simrig.evaluation.planning.probe import PIXELS, CameraLook
 from simrig.evaluation.planning.survey import Body
 from simrig.evaluation.planning.transport import brightest_of, transport
@@ -37,6 +36,7 @@ _NEIGHBOURS = 4
 _MOST_TESTS = 100_000_000  # points × bodies × pixels of the map
 _BETWEEN = 4.0  # a pixel's radiance over the least that bilinear interpolation shows next to it
 _FEWEST_ROWS, _MOST_ROWS = 8, 64  # of the map
+_ROUNDING = np.float32(1e-5)  # of a cosine in float32, by which a cone is wider
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +81,7 @@ def hidden_bound(subject: Any, tolerance: Tolerance) -> Bound | None:
     cones = display.total(display.worst(picture, hidden_light(subject)), picture)
     why = "the light that other bodies' bounding spheres can hide at the looked-at points"
     if cones > tolerance.amount:
-        places = Places(subject.scene)
-        lit, open_air = (
-            places.look(direct_integrator(subject.scene, shadows))[0] for shadows in (True, False)
-        )
+        lit, open_air = (subject.direct_at_places(shadows)[0] for shadows in (True, False))
         seen = measured_change(display, lit, open_air)
         measured = seen + RULE_OF_THREE * subject.black_change(tolerance)
         if measured < cones:
@@ -101,7 +98,7 @@ def hidden_light(subject: Any) -> np.ndarray:
     albedo, peak = passed_on.albedo[points.body], passed_on.peak[points.body]
     gained = np.zeros((len(look.body), 3))
     if survey.environment is not None:
-        sky = _Sky(survey.environment, len(points.body) * len(survey.bodies))
+        sky = _Sky(subject.environment, len(points.body) * len(survey.bodies))
         _add(gained, points, _hidden_sky(points, survey.bodies, sky, albedo, peak))
     for shape, body in zip(survey.scene.shapes(), survey.bodies, strict=True):
         if body.luminous:
@@ -173,14 +170,13 @@ class _Sky:
     """An environment as pixels, the brightest first.
 
     Attributes:
-        towards: (k, 3) unit vectors in world space.
-        energy: (k, 3) radiance × solid angle.
+        towards: (k, 3) float32 unit vectors in world space.
+        energy: (k, 3) float32 radiance × solid angle.
         brightest: (k,) largest radiance of any channel within the pixel.
         reach: the angle from the middle of a pixel that its light comes from at most.
     """
 
-    def __init__(self, emitter: Any, tests: int) -> None:
-        environment = Environment(emitter)
+    def __init__(self, environment: Environment, tests: int) -> None:
         fine = environment.radiance
         rows = int(np.clip(np.sqrt(_MOST_TESTS / 2.0 / max(tests, 1)), _FEWEST_ROWS, _MOST_ROWS))
         rows, columns = min(rows, len(fine)), min(2 * rows, fine.shape[1])
@@ -194,7 +190,8 @@ class _Sky:
         np.maximum.at(brightest, label, _BETWEEN * environment.brightest.ravel())
         order = np.argsort(-brightest, kind="stable")
         towards = latlong_directions(rows, columns).reshape(-1, 3) @ environment.turn.T
-        self.towards, self.energy = towards[order], np.stack(parts, axis=1)[order]
+        self.towards = towards[order].astype(np.float32)
+        self.energy = np.stack(parts, axis=1)[order].astype(np.float32)
         self.brightest = brightest[order]
         # half a diagonal, and that of a fine pixel into which bilinear interpolation reaches
         self.reach = np.pi * (np.sqrt(0.5) / rows + np.sqrt(2.0) / len(row))
@@ -209,9 +206,10 @@ def _hidden_sky(
         cone = _cone(points, index, body)
         (seen,) = np.nonzero(cone.half >= 0.0)
         reach = np.minimum(cone.half[seen] + sky.reach, np.pi)
-        inside = cone.towards[seen] @ sky.towards.T >= np.cos(reach)[:, None] - 1e-6
+        least = np.cos(reach)[:, None].astype(np.float32) - _ROUNDING
+        inside = cone.towards[seen].astype(np.float32) @ sky.towards.T >= least
         brightest = np.where(inside.any(axis=1), sky.brightest[inside.argmax(axis=1)], 0.0)
-        energy = inside.astype(np.float32) @ sky.energy.astype(np.float32)
+        energy = inside.astype(np.float32) @ sky.energy
         total[seen] += _at_most(albedo[seen] * brightest[:, None], peak[seen], energy)
     return np.minimum(total, _at_most(albedo * sky.brightest[0], peak, sky.energy.sum(axis=0)))
 

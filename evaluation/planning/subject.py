@@ -12,12 +12,15 @@ from simrig.effects import Tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
 from simrig.evaluation.planning.change import Display
+from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.indirect import PATHS, PathLook, look_at_paths
 from simrig.evaluation.planning.integrators import direct_integrator, hides_emitters
 from simrig.evaluation.planning.interreflection import IndirectBounds, indirect_bounds
-from simrig.evaluation.planning.noise import samples_needed, sampling_change
+from simrig.evaluation.planning.noise import SamplingNoise
 from simrig.evaluation.planning.occlusion import can_shadow
+from simrig.evaluation.planning.places import Places
 from simrig.evaluation.planning.probe import (
+    PATH_SAMPLES,
     SAMPLES,
     CameraLook,
     SurfaceLook,
@@ -36,6 +39,7 @@ class SceneSubject:
         source: where the scene comes from.
         scene: the scene, loaded in the current variant.
         survey: its bodies and lights.
+        follows_paths: whether it is known that paths are traced, before anything is bounded.
         exposure: of the display; ``rendering.display_exposure`` of the picture by default.
     """
 
@@ -49,8 +53,10 @@ class SceneSubject:
         if not self.scene.sensors():
             raise SimrigError("the scene has no camera: add a sensor")
         self.survey = Survey(self.scene)
+        self.follows_paths = False
         self._exposure = exposure
         self._indirect: dict[str, IndirectBounds] = {}
+        self._at_places: dict[bool, tuple[np.ndarray, float]] = {}
 
     @property
     def pixels(self) -> int:
@@ -59,13 +65,14 @@ class SceneSubject:
 
     @cached_property
     def direct(self) -> dict[str, Any]:
-        """The integrator of direct light, with shadows."""
-        return direct_integrator(self.scene)
+        """The integrator of direct light, with shadows where anything may cast one."""
+        return direct_integrator(self.scene, self.shadows_possible)
 
     @cached_property
     def look(self) -> CameraLook:
         """Some pixels in direct light."""
-        return look(self.scene, self.direct, SAMPLES)
+        exact = self.survey.only_delta_lights  # what is left to chance is the place in a pixel
+        return look(self.scene, self.direct, SAMPLES if exact else PATH_SAMPLES)
 
     @cached_property
     def exposure(self) -> float:
@@ -89,6 +96,22 @@ class SceneSubject:
     def paths(self) -> PathLook:
         """The looked-at pixels, told apart by orders of reflection."""
         return self.look_at_paths(PATHS)
+
+    @cached_property
+    def places(self) -> Places:
+        """Places in the looked-at pixels where integrators are compared."""
+        return Places(self.scene)
+
+    def direct_at_places(self, shadows: bool) -> tuple[np.ndarray, float]:
+        """Return direct light there, (n, places, 3), and the seconds of a sample."""
+        if shadows not in self._at_places:
+            self._at_places[shadows] = self.places.look(direct_integrator(self.scene, shadows))
+        return self._at_places[shadows]
+
+    @cached_property
+    def environment(self) -> Environment:
+        """The radiance of the scene's environment map."""
+        return Environment(self.survey.environment)
 
     @property
     def looked_at_paths(self) -> bool:
@@ -152,8 +175,11 @@ class SampledSubject:
         """Return the expected change of a picture with ``spp`` samples per pixel."""
         if self.subject.source.pixel_centres:
             return 0.0
-        return sampling_change(self.radiance, self.subject.display(tolerance), spp)
+        return self._noise(tolerance).change(spp)
 
     def needed(self, tolerance: Tolerance, allowed: float) -> tuple[int, float]:
         """Return the samples per pixel that keep the change within what is allowed."""
-        return samples_needed(self.radiance, self.subject.display(tolerance), allowed)
+        return self._noise(tolerance).samples_needed(allowed)
+
+    def _noise(self, tolerance: Tolerance) -> SamplingNoise:
+        return SamplingNoise(self.radiance, self.subject.display(tolerance))
