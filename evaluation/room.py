@@ -92,9 +92,11 @@ def room_materials(
             raise unknown_name("part of the room", part, ROOM_PARTS)
     chosen = {**ROOM_PARTS, **(names or {})}
     made: dict[str, StimulusMaterial] = {}  # by name: a material of several parts is made once
-    for number, name in enumerate(dict.fromkeys(chosen.values())):
+    # what is measured takes minutes: a file that cannot be used is refused before
+    names_in_turn = sorted(set(chosen.values()), key=lambda name: (name in PRESETS, name))
+    for number, name in enumerate(names_in_turn):
         if progress is not None:
-            progress(number, len(set(chosen.values())), name)
+            progress(number, len(names_in_turn), name)
         made[name] = StimulusMaterial(stimulus_stack(name, **options))
     return {part: made[name] for part, name in chosen.items()}
 

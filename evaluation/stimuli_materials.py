@@ -17,6 +17,7 @@ from simrig.mesostructure import PRESETS, build_tile
 from simrig.plugins import make_btf
 from simrig.reflectance.btf import BtfStack
 from simrig.reflectance.btf_full import FullBtf
+from simrig.reflectance.btf_grid import PairGrid
 from simrig.reflectance.btf_synthetic import bumps, chessboard
 from simrig.rigs.btf import AUTO, btf_angles, measure_btf
 
@@ -32,9 +33,15 @@ class StimulusMaterial:
 
     Attributes:
         stack: its images.
+
+    Raises:
+        SimrigError: pairs of directions without an image, or with two.
     """
 
     stack: BtfStack
+
+    def __post_init__(self) -> None:
+        PairGrid.of(self.stack)
 
     @cached_property
     def near(self) -> FullBtf:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from simrig.data.btf_hdf5 import write_btf
 from simrig.errors import SimrigError
+from simrig.evaluation import stimuli_materials
 from simrig.evaluation.benchmarks import room as benchmark
 from simrig.evaluation.rendering import render
 from simrig.evaluation.room import (
@@ -25,7 +28,8 @@ from simrig.evaluation.structure_look import btf_stimulus, look
 from simrig.evaluation.studies.engine import run_study
 from simrig.evaluation.studies.room_switch import STUDY, table
 from simrig.mesostructure import PRESETS
-from simrig.reflectance.btf_synthetic import bumps
+from simrig.reflectance.btf import BtfStack
+from simrig.reflectance.btf_synthetic import bumps, chessboard
 from simrig.scenes import room
 from simrig.scenes.chair import cushions, frame
 from simrig.scenes.meshes import rounded_box
@@ -110,6 +114,22 @@ def test_distances_are_predicted_from_the_images_at_hand() -> None:
 def test_a_board_with_few_images_has_no_predicted_distance(materials) -> None:
     with pytest.raises(SimrigError, match=r"no image within 10° .* distances of the groups"):
         distances_mm("predicted", materials)
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"), [("missing.h5", "no file"), ("lacking.h5", "lacks 2 of 9 images")]
+)
+def test_what_cannot_be_used_is_refused_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bad: str, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(stimuli_materials, "measure_btf", lambda *_, **__: pytest.fail("measured"))
+    board = chessboard(150.0)
+    angles = np.array([[0.2 * i, 0.2 * v, i, v] for i in range(3) for v in range(3)])[:7]
+    values = np.zeros((7, *board.values.shape[1:]), dtype=np.float16)
+    write_btf("lacking.h5", BtfStack(values, angles, board.size_mm))
+    with pytest.raises(SimrigError, match=message):
+        room_materials({"walls": bad})
 
 
 @pytest.fixture(scope="module")
