@@ -103,6 +103,7 @@ def test_directions_are_named_as_for_a_measurement() -> None:
         (("room", "--form", "brdf", "--distances", "groups"), "no switch"),
         (("room", "--material", "walls"), "PART=MATERIAL"),
         (("room", "--material", "wals=bumps"), "did you mean 'walls'"),
+        (("room", "--material", "walls=bumps", "--material", "walls=a.h5"), "twice for 'walls'"),
     ],
 )
 def test_bad_input_is_refused_and_leaves_nothing(

@@ -291,6 +291,8 @@ def test_bad_distances_are_refused(tmp_path: Path) -> None:
     assert "did you mean 'twill_blue'" in refusal("distance", "twil_blue")
     assert "no" in refusal("distance", tmp_path / "missing.h5")
     assert "> 0 mm" in refusal("distance", tmp_path / "cloth.png", "--size-mm", "0")
+    sizes = ("--size-mm", "40", "--structure-mm", "0")
+    assert "> 0 mm" in refusal("distance", tmp_path / "cloth.png", *sizes)
 
 
 def test_a_map_from_the_command_line(tmp_path: Path, variant_llvm: str) -> None:
@@ -299,6 +301,7 @@ def test_a_map_from_the_command_line(tmp_path: Path, variant_llvm: str) -> None:
     common = ("distance-map", scene, "--output", output)
     assert "NAME=DISTANCE" in refusal(*common, "--critical", "wood")
     assert "above 0" in refusal(*common, "--critical", "wood=-3")
+    assert "twice for 'wood'" in refusal(*common, "--critical", "wood=3", "--critical", "wood=4")
     found = done(*common, "--critical", "wood=2", "--critical", "cloth=4", "--spp", "1")
     assert found["critical_m"] == {"wood": 2.0, "cloth": 4.0}
     assert found["shares"]["not visible: a BRDF is enough"] == pytest.approx(0.5)

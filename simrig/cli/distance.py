@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.assignments import assignments
 from simrig.cli.outputs import output_file
 from simrig.errors import SimrigError
 
@@ -44,9 +45,13 @@ def distance(
     """
     from simrig.evaluation.structure_look import FEATURES, look
 
+    size: float | None
     stimulus, given = _stimulus(material, size_mm, spp, seed)
-    seen = look(stimulus, structure_mm or given)
-    source = "given" if structure_mm else "of the preset" if given else "found in the spectrum"
+    if structure_mm is not None:
+        size, source = structure_mm, "given"
+    else:
+        size, source = given, "of the preset" if given else "found in the spectrum"
+    seen = look(stimulus, size)
     rows = [(name, seen.features[name], *_predicted(name, seen.distances_m)) for name in FEATURES]
     height, width = stimulus.textured.shape
     found = ", ".join(f"{size:.3g} mm by {name}" for name, size in seen.found_mm.items())
@@ -97,11 +102,11 @@ def distance_map(
     if output.suffix.lower() != ".png":
         raise SimrigError(f"'{output}': maps are written as .png")
     path = scene_file(scene)
-    asked = [_assignment(text) for text in critical or []]
+    asked = assignments("--critical", "NAME=DISTANCE", critical)
     with output_file(output, force):
         backend.select()
         loaded = load_as_written(path)
-        distances = {name: _metres(value) for name, value in asked}
+        distances = {name: _metres(value) for name, value in asked.items()}
         found = measure(loaded, distances, metres_per_unit)
         picture = render(loaded, spp=spp)
         draw_distance_map(found, picture.image, output, display_exposure(picture.image))
@@ -155,13 +160,6 @@ def _stimulus(
 
 def _predicted(name: str, distances: dict[str, float]) -> tuple[Any]:
     return (f"{distances[name]:.2f}" if name in distances else "",)
-
-
-def _assignment(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not (name and equals and value):
-        raise SimrigError(f"--critical takes NAME=DISTANCE, got '{text}'")
-    return name, value
 
 
 def _metres(value: str) -> float:

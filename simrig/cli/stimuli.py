@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.assignments import assignments
 from simrig.cli.outputs import output_file, output_folder
 from simrig.cli.schemes import named_scheme
 from simrig.errors import SimrigError
@@ -173,7 +174,7 @@ def room_command(
     if form != "switched" and (distances is not None or distance is not None):
         raise SimrigError(f"--form {form} has no switch: leave out --distances and --distance")
     listed = named_scheme(directions)
-    names = dict(_part(text) for text in material or [])
+    names = assignments("--material", "PART=MATERIAL", material)
     with output_file(output, force) as temporary:
         backend.select()
         with frame.progress("materials") as report:
@@ -188,13 +189,6 @@ def room_command(
             result = render(scene, spp, seed, progress=report)
         exposure = _write(temporary, output, result, "room")
     return _report(output, result, {"form": form, "exposure": exposure, "distances_mm": switch})
-
-
-def _part(text: str) -> tuple[str, str]:
-    part, sign, name = text.partition("=")
-    if not (part and sign and name):
-        raise SimrigError(f"a material of the room is PART=MATERIAL, got '{text}'")
-    return part, name
 
 
 def _stimulus(
