@@ -11,7 +11,7 @@ import numpy as np
 
 from simrig.effects import Plan
 from simrig.evaluation import rendering
-from simrig.evaluation.planning import plan_scene, planned_integrator
+from simrig.evaluation.planning import as_planned, plan_scene, planned_integrator
 from simrig.evaluation.planning.integrators import DIRECT_DEPTH
 from simrig.evaluation.planning.source import scene_source_in
 from simrig.evaluation.replicates import Replicates, converged
@@ -83,9 +83,10 @@ class Pictures:
         return picture.standard_errors(self.exposure)[self.plan.tolerance.metric]
 
     def key(self, plan: Plan) -> str:
-        """Return what tells pictures apart: variant and integrator."""
+        """Return what tells pictures apart: variant, integrator and structure."""
         integrator = planned_integrator(self.loaded(plan), plan)
-        return f"{plan.settings['variant']} {sorted(integrator.items())}"
+        within = plan.settings.get("structure_within_mm", {})
+        return f"{plan.settings['variant']} {sorted(integrator.items())} {sorted(within.items())}"
 
     def loaded(self, plan: Plan) -> Any:
         """Return the scene, loaded in the plan's variant, which is selected."""
@@ -98,14 +99,19 @@ class Pictures:
     def render(self, plan: Plan, spp: int, seed: int) -> rendering.RenderResult:
         """Render with the integrator of a plan."""
         scene = self.loaded(plan)
-        return rendering.render(scene, spp, seed, planned_integrator(scene, plan))
+        with as_planned(scene, plan) as integrator:
+            return rendering.render(scene, spp, seed, integrator)
 
     def _render_one(self, plan: Plan) -> Callable[[int, int], rendering.RenderResult]:
         scene = self.loaded(plan)
-        integrator = planned_integrator(scene, plan)
-        if integrator["type"] == "path" and self._many_delta_lights(scene):
-            return lambda spp, seed: _with_exact_direct_light(scene, integrator, spp, seed)
-        return lambda spp, seed: rendering.render(scene, spp, seed, integrator)
+
+        def render(spp: int, seed: int) -> rendering.RenderResult:
+            with as_planned(scene, plan) as integrator:
+                if integrator["type"] == "path" and self._many_delta_lights(scene):
+                    return _with_exact_direct_light(scene, integrator, spp, seed)
+                return rendering.render(scene, spp, seed, integrator)
+
+        return render
 
     def _many_delta_lights(self, scene: Any) -> bool:
         emitters = scene.emitters()

@@ -6,7 +6,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
+import numpy as np
+
 from simrig.errors import SimrigError, unknown_name
+from simrig.plugins.adapter import to_number
 from simrig.plugins.footprint import Cone
 from simrig.plugins.named import number, resolved
 from simrig.reflectance.btf_factored import TOLERANCE, FactoredBtf
@@ -49,8 +53,16 @@ def define_btf(adapter: type) -> type:
     ```
     """
 
+    import mitsuba
+
+    mi: Any = mitsuba  # its stubs describe one variant, the class below serves all
+
     class BtfBSDF(adapter):
-        """A spatially varying reflectance, seen through a pixel's cone."""
+        """A spatially varying reflectance, seen through a pixel's cone.
+
+        Attributes:
+            within_mm: how far structure is seen; see ``show_structure_within``.
+        """
 
         def __init__(
             self,
@@ -62,6 +74,18 @@ def define_btf(adapter: type) -> type:
             if reflectance is not None:
                 rotation_deg = number(props, "rotation", rotation_deg)
             super().__init__(props, reflectance, rotation_deg)
+            self.show_structure_within(np.inf)
+
+        def show_structure_within(self, distance_mm: float) -> None:
+            """See the texels up to a distance, and beyond it the average of the tile.
+
+            What is not needed is not traced either: infinity and 0 make kernels of their own.
+
+            Args:
+                distance_mm: of the last ray segment, in mm; infinity (the default) or 0 for none.
+            """
+            self.within_mm = distance_mm
+            self.within = to_number(distance_mm / self.cone.unit_mm, mi)
 
         @staticmethod
         def build(props: Any) -> SpatialReflectance:
@@ -78,10 +102,28 @@ def define_btf(adapter: type) -> type:
             return _loaded(path, path.stat().st_mtime_ns, tuple(options.items()))
 
         def _place(self, si: Any) -> Any:
-            return self.cone.footprint(si, self.cos_turn, self.sin_turn)
+            if self.within_mm == 0.0:
+                return None
+            footprint = self.cone.footprint(si, self.cos_turn, self.sin_turn)
+            everywhere = np.isinf(self.within_mm)
+            return footprint, None if everywhere else dr.abs(dr.detach(si.t)) < self.within
 
         def _look_up(self, light: Any, view: Any, place: Any) -> Any:
-            return self.reflectance.eval_at(light, view, place, self.prepared)
+            def average(light: Any, view: Any) -> Any:
+                return mi.Color3f(self.reflectance.eval(light, view, self.prepared))
+
+            if place is None:
+                return average(light, view)
+            footprint, near = place
+
+            def texels(light: Any, view: Any) -> Any:
+                return mi.Color3f(self.reflectance.eval_at(light, view, footprint, self.prepared))
+
+            if near is None:
+                return texels(light, view)
+            if self.differentiable:
+                return dr.select(near, texels(light, view), average(light, view))
+            return dr.if_stmt((light, view), near, texels, average)
 
     return type("simrig_btf", (BtfBSDF,), {"__doc__": define_btf.__doc__})
 

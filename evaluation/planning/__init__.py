@@ -5,12 +5,13 @@ See ``docs/effects.md``.
 
 from simrig.evaluation.planning.effects import EFFECT_NAMES
 from simrig.evaluation.planning.experiments import plan_experiment
-from simrig.evaluation.planning.planned import planned_integrator, planned_render
+from simrig.evaluation.planning.planned import as_planned, planned_integrator, planned_render
 from simrig.evaluation.planning.planner import plan_scene
 from simrig.evaluation.planning.source import scene_source
 
 __all__ = [
     "EFFECT_NAMES",
+    "as_planned",
     "plan_experiment",
     "plan_scene",
     "planned_integrator",

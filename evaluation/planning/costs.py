@@ -15,6 +15,7 @@ import mitsuba as mi
 from simrig.evaluation.planning.subject import SceneSubject
 from simrig.evaluation.rendering import render, timed
 
+USUAL_SPP = 16  # for estimates, before the samples per pixel are known
 _WAVELENGTHS = 1.5  # a spectral sample over an RGB one
 
 

@@ -6,18 +6,19 @@ from dataclasses import dataclass, field
 
 from simrig.effects import Bound, Effect, Tolerance
 from simrig.evaluation.planning.costs import (
+    USUAL_SPP,
     bsdf_seconds,
     indirect_seconds,
     shadow_seconds,
     spectral_seconds,
 )
+from simrig.evaluation.planning.mesostructure import MESOSTRUCTURE, structured_materials
 from simrig.evaluation.planning.probe import PIXELS
 from simrig.evaluation.planning.shade import RULE_OF_THREE, hidden_bound
 from simrig.evaluation.planning.source import SceneSource
 from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
 
 SPECTRAL = "spectral"
-USUAL_SPP = 16  # for estimates of cost, before the samples per pixel are known
 _UNSHADOWED_SAFETY = 2.0
 
 
@@ -33,12 +34,14 @@ class Shadowing:
     description: str = "lights hidden from a surface by what stands in between"
 
     def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
-        """Return 0 where bounding volumes leave no room for a shadow."""
+        """Return 0 where bounding volumes leave no room for a shadow, None where paths see them."""
         if not subject.shadows_possible:
             why = "no bounding sphere reaches between a surface and a light"
             if subject.survey.one_convex_body:
                 why = "one convex body: the cosine says all about its shadow"
             return Bound(0.0, tolerance.unit, why)
+        if subject.follows_paths:
+            return None  # which see what is in their way: there is nothing to decide
         if not subject.survey.only_delta_lights:
             return hidden_bound(subject, tolerance)
         seen = _UNSHADOWED_SAFETY * subject.unshadowed_change(tolerance)
@@ -147,15 +150,17 @@ class SpectralRendering:
 class Mesostructure:
     """A spatially varying BTF against its mean BRDF."""
 
-    name: str = "mesostructure"
+    name: str = MESOSTRUCTURE
     description: str = "the BTF of a material instead of its mean BRDF"
 
     def bound(self, subject: SceneSubject, tolerance: Tolerance) -> Bound | None:
-        """Return 0: no material of a scene can be a BTF yet."""
-        return Bound(0.0, tolerance.unit, "the scene has no BTF", absent=True)
+        """Return 0 without a BTF; with one, ``decide_mesostructure`` has the last word."""
+        if not structured_materials(subject.scene):
+            return Bound(0.0, tolerance.unit, "the scene has no BTF", absent=True)
+        return None
 
     def cost(self, subject: SceneSubject) -> float:
-        """Return 0: there is nothing to simulate."""
+        """Return 0: looks with and without structure tell it later."""
         return 0.0
 
 

@@ -2,7 +2,8 @@
 
 A plan asks only whether a bound fits into a tolerance. Paths that already show a larger change
 settle that; so does their bound when it is smaller. In between the bound per pixel of
-``planning.transport`` may be smaller, and more paths make their own bound tighter.
+``planning.transport`` may be smaller, and more paths make their own bound tighter; they are traced
+where that may be enough.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
     if proved <= tolerance.amount:
         why = "albedo and solid angle of the other bodies times the radiance that they send"
         return IndirectBounds((proved, *(change.bound for change in found[1:])), why)
-    if found[0].floor > tolerance.amount:
+    if _with_more_paths(found[0], paths) > tolerance.amount:
         return _from_paths(found, paths)
     paths = subject.look_at_paths(MORE_PATHS)
     return _from_paths(_sampled(subject, tolerance, paths), paths)
@@ -66,6 +67,11 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
 
 def _undecided(found: list[SampledChange], tolerance: Tolerance) -> bool:
     return found[0].estimate <= tolerance.amount < found[0].bound
+
+
+def _with_more_paths(found: SampledChange, paths: PathLook) -> float:
+    """Return what the bound is likely to be with ``MORE_PATHS``: all but the floor falls with n."""
+    return found.floor + (found.bound - found.floor) * paths.paths / MORE_PATHS
 
 
 def _sampled(subject: SceneSubject, tolerance: Tolerance, paths: PathLook) -> list[SampledChange]:

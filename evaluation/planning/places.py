@@ -35,6 +35,10 @@ class Places:
         self.scene = scene
         self._ray, self._weight = _camera_rays(scene)
 
+    def hits(self) -> Any:
+        """Return what the rays meet: one surface interaction for each place of each pixel."""
+        return self.scene.ray_intersect(self._ray)
+
     def look(self, integrator: dict[str, Any], drawn: int = DRAWN) -> tuple[np.ndarray, float]:
         """Return the radiance that an integrator finds, and what that takes.
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from simrig.effects import Plan
 from simrig.evaluation import rendering
 from simrig.evaluation.planning.directional import Environment
 from simrig.evaluation.planning.integrators import direct_integrator, path_integrator
+from simrig.evaluation.planning.mesostructure import structure_within
 from simrig.evaluation.planning.source import scene_source_in
 
 
@@ -27,12 +29,27 @@ def planned_render(
     """
     source = scene_source_in(scene, plan.settings["variant"])
     loaded = rendering.load(source.build())
-    integrator = planned_integrator(loaded, plan)
-    return rendering.render(loaded, plan.settings["spp"], seed, integrator, progress)
+    with as_planned(loaded, plan) as integrator:
+        return rendering.render(loaded, plan.settings["spp"], seed, integrator, progress)
+
+
+@contextmanager
+def as_planned(scene: Any, plan: Plan) -> Iterator[dict[str, Any]]:
+    """Show the structure of a scene's materials as far as planned, as long as the context lasts.
+
+    Args:
+        scene: the loaded scene.
+        plan: from ``plan_scene``.
+
+    Yields:
+        The integrator of the plan as a Mitsuba dictionary.
+    """
+    with structure_within(scene, plan.settings.get("structure_within_mm")):
+        yield planned_integrator(scene, plan)
 
 
 def planned_integrator(scene: Any, plan: Plan) -> dict[str, Any]:
-    """Return the integrator of a plan as a Mitsuba dictionary.
+    """Return the integrator of a plan as a Mitsuba dictionary; see ``as_planned`` for BTFs.
 
     Args:
         scene: the loaded scene.

@@ -18,13 +18,12 @@ from simrig import backend
 from simrig.effects import Decision, Overrides, Plan, Tolerance, decide, parse_tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
-from simrig.evaluation.planning.costs import render_seconds, shadow_seconds
+from simrig.evaluation.planning.costs import USUAL_SPP, render_seconds, shadow_seconds
 from simrig.evaluation.planning.effects import (
     ANTI_ALIASING,
     EFFECT_NAMES,
     SCENE_EFFECTS,
     SPECTRAL,
-    USUAL_SPP,
     spectral_bound,
 )
 from simrig.evaluation.planning.environment import (
@@ -38,6 +37,11 @@ from simrig.evaluation.planning.integrators import (
     DIRECT_DEPTH,
     UNLIMITED,
     path_integrator,
+)
+from simrig.evaluation.planning.mesostructure import (
+    MESOSTRUCTURE,
+    decide_mesostructure,
+    structure_within,
 )
 from simrig.evaluation.planning.planned import direct_light
 from simrig.evaluation.planning.probe import PATH_SAMPLES, SAMPLES, look
@@ -104,13 +108,19 @@ def plan_scene(
 
 def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> Plan:
     _check_possible(subject, overrides)
+    subject.follows_paths = _must_follow_paths(subject, overrides)
     left_out, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
     decisions = decide(SCENE_EFFECTS, subject, left_out, _known(overrides, SCENE_EFFECTS))
     decisions = _with_paths(without_map(subject, decisions, overrides), overrides)
     depth, deeper = _depth(subject, left_out, decisions, overrides)
     decisions, lights = decide_environment(subject, decisions, left_out, noise, overrides)
     integrator = _integrator(subject, decisions, depth, lights)
-    sampled = _sampled(subject, integrator)
+    room = _room(decisions, left_out, deeper)
+    decisions, within, averaged = decide_mesostructure(
+        subject, decisions, integrator, left_out, room, overrides
+    )
+    with structure_within(subject.scene, within):
+        sampled = _sampled(subject, integrator, bool(within))
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, _known(overrides, (ANTI_ALIASING,)))
     spp, smoothing, random = _samples(sampled, smoothing, noise)
     settings = {
@@ -121,11 +131,13 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
     }
     if lights is not None:
         settings["lights"] = lights
+    if within:
+        settings["structure_within_mm"] = within
     about = {
         "exposure": subject.exposure,
         "scene": subject.survey.describe(),
         "render_s": render_seconds(subject, sampled.seconds_per_sample, spp),
-        **expectation(tolerance, decisions, deeper, random, spp),
+        **expectation(tolerance, decisions, deeper + averaged, random, spp),
     }
     costed = tuple(_costed(_explained(subject, decision), spp) for decision in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
@@ -193,6 +205,12 @@ def _check_possible(subject: SceneSubject, overrides: Overrides) -> None:
         )
 
 
+def _must_follow_paths(subject: SceneSubject, overrides: Overrides) -> bool:
+    """Return whether inter-reflection is simulated whatever the other bounds are."""
+    left_out = any(name in overrides.without for name in ("inter-reflection", *_NEEDED_BY_PATHS))
+    return bool(subject.survey.unknown) and not left_out
+
+
 def _with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[Decision, ...]:
     """Return the decisions with what inter-reflection needs switched on, or itself off."""
     on = {decision.effect: decision.on for decision in decisions}
@@ -203,10 +221,14 @@ def _with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[
     for decision in decisions:
         if missing and decision.effect == "inter-reflection":
             decision = replace(decision, on=False, why=f"cannot be simulated without {missing[0]}")
-        elif not missing and decision.effect in _NEEDED_BY_PATHS and not decision.on:
+        elif not missing and decision.effect in _NEEDED_BY_PATHS and _undecided(decision):
             decision = replace(decision, on=True, why="comes with inter-reflection")
         changed.append(decision)
     return tuple(changed)
+
+
+def _undecided(decision: Decision) -> bool:
+    return not decision.on or decision.bound is None
 
 
 def _depth(
@@ -262,21 +284,38 @@ def _integrator(
     return direct_light(subject.scene, on["shadowing"], on["bsdf-sampling"], lights)
 
 
-def _sampled(subject: SceneSubject, integrator: dict[str, Any]) -> SampledSubject:
-    """Return the pixels as the integrator samples them; most have been looked at already."""
+def _room(decisions: tuple[Decision, ...], allowed: Tolerance, deeper: float) -> float:
+    """Return what is left of a tolerance for leaving structure out."""
+    used = sum(
+        d.bound.value
+        for d in decisions
+        if d.effect != MESOSTRUCTURE and not d.on and d.bound is not None
+    )
+    return max(allowed.amount - used - deeper, 0.0)
+
+
+def _sampled(
+    subject: SceneSubject, integrator: dict[str, Any], averaged: bool = False
+) -> SampledSubject:
+    """Return the pixels as the integrator samples them; most have been looked at already.
+
+    Paths are not traced again where averages of tiles are seen, which are no noisier.
+    """
     kind = integrator["type"]
     if kind == "path":
         paths = subject.paths
         radiance = paths.radiance(integrator["max_depth"])
         return SampledSubject(subject, radiance, paths.seconds_per_sample)
-    seen = subject.look
-    if kind == "volpath" or not subject.survey.only_delta_lights:
+    seen, seconds = subject.look, subject.look.seconds_per_sample
+    known = subject.survey.only_delta_lights and kind != "volpath"  # but for the test of shadows
+    if averaged or not (known or integrator == subject.direct):
         samples = SAMPLES if kind == "simrig_all_lights" else PATH_SAMPLES
         seen = look(subject.scene, integrator, samples)
-    elif not integrator.get("shadows", True):
-        seconds = seen.seconds_per_sample - shadow_seconds(subject)
-        return SampledSubject(subject, seen.radiance, seconds)
-    return SampledSubject(subject, seen.radiance, seen.seconds_per_sample)
+        seconds = seen.seconds_per_sample
+    elif known:
+        tested, looked = (one.get("shadows", True) for one in (integrator, subject.direct))
+        seconds += (tested - looked) * shadow_seconds(subject)
+    return SampledSubject(subject, seen.radiance, seconds)
 
 
 def _samples(
