@@ -12,6 +12,7 @@ from simrig.evaluation.btf_patch import PIXEL_ANGLE, Sight
 from simrig.evaluation.studies import btf_against_structure, btf_slices
 from simrig.evaluation.studies.engine import run_study
 from simrig.evaluation.studies.pictures import picture_of, picture_row
+from simrig.reflectance.packed import RELATIVE_ERROR
 
 TINY = {"materials": ["leather_tan"], "rings": [[0.0, 1], [30.0, 4], [75.0, 4]], "texels": 12}
 
@@ -37,8 +38,8 @@ def test_a_sight_sees_more_from_afar_and_aslant() -> None:
 def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
     study = btf_slices.STUDY
     config = study.presets["quick"] | TINY
-    config |= {"methods": ["b", "bd"], "spp": 2, "orders": 1, "picture": 32, "images": 5}
-    config |= {"rings": [[0.0, 1], [50.0, 4], [75.0, 4]]}  # 50° is not measured
+    config |= {"methods": ["b", "bd"], "spp": 2, "orders": 1, "picture": 32, "images": [3, 2]}
+    config |= {"rings": [[0.0, 1], [50.0, 4], [75.0, 4]], "exact_texels": 1}  # 50° between
     found = run_study(study, config, tmp_path)
     b, bd = found.summary["rows"]
     assert (b["images"], b["method"], bd["method"]) == (168, "b", "bd")
@@ -48,6 +49,7 @@ def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
     assert exact["bd_off_mean"] < 0.2 * exact["b_off_mean"]
     costs = found.summary["costs"]
     assert costs["all"]["images"] == 81 and costs["bd"]["hardware_seconds"] == pytest.approx(360.0)
+    assert 0.0 < costs["all"]["images_delta_e"] < costs["b"]["images_delta_e"]
     assert costs["bd"]["bytes"] == costs["all"]["measured_bytes"] == 81 * 12 * 12 * 6
     assert found.summary["worst_first"] == ["leather_tan"]
     assert {file.name for file in found.files} >= {"best_and_worst.png", "texels.png", "depth.png"}
@@ -55,7 +57,7 @@ def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
     assert "corduroy, Lego" in text and "6 min" in text
     # what was measured is kept: a cell that is lost is computed again without the rig
     next((tmp_path / "cells").iterdir()).unlink()
-    monkeypatch.setattr(btf_slices, "measure_btf", None)
+    monkeypatch.setattr(btf_slices, "btf_angles", lambda scheme: np.zeros((1, 4)))
     again = run_study(study, config, tmp_path)
     assert again.summary["rows"][0]["psnr"] == b["psnr"]
 
@@ -65,13 +67,21 @@ def test_a_btf_stands_beside_its_structure(tmp_path) -> None:
     study = btf_against_structure.STUDY
     config = study.presets["quick"] | TINY | {"spp": 4, "orders": 1, "picture_spp": 8}
     config |= {"angles_deg": [[30.0, 30.0, 90.0, 0.0]], "distances_m": [0.6, 4.8], "pixels": 16}
-    config |= {"speed": {"pixels": 16, "spp": 2, "rounds": 1}, "far": {"pixels": 12, "renders": 4}}
+    config |= {"speed": {"pixels": 16, "spp": 2, "rounds": 1}}
+    rings = [[0.0, 1], [60.0, 4], [85.0, 4]]
+    config["far"] = config["far"] | {"rings": rings, "texels": 16, "spp": 8}
     found = run_study(study, config, tmp_path)
-    (far,) = found.summary["far"]
-    # a pixel is wider than the tile: the plugin shows the average, whose reading is 12 bits exact
-    assert far["measured"] and abs(far["btf_off"]) < 2e-3
-    assert abs(far["structure_off"]) < 0.05
+    aslant, grazing = found.summary["far"]
+    assert grazing["angles_deg"][1] == 85.0
+    for far in (aslant, grazing):
+        # filtering keeps the mean of a period; what is left are the 12 bits of the table
+        assert abs(far["btf_off"]) < RELATIVE_ERROR
+        # the directions of a perspective picture differ by a hundredth of a degree
+        assert abs(far["perspective_off"]) < 2e-3
+        assert far["standard_error"] < 5e-3
+        assert abs(far["structure_off_errors"]) < 4.5
     assert all(row["measured"] and row["delta_e"] < 15.0 for row in found.summary["angle"])
     assert {row["integrator"] for row in found.summary["speed"]} == {"direct", "path"}
+    assert "beside.png" in {file.name for file in found.files}
     text = shown(study, found)
     assert "Far field" in text and "÷ structure" in text

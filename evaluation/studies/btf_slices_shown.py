@@ -31,13 +31,13 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     )
     errors = [row for row in found if row["method"] != ALL]
     costs, trends = {}, {}
-    names = [*ERRORS, *(f"images_{name}" for name in ERRORS), "reconstruction_seconds"]
+    images = tuple(f"images_{name}" for name in ERRORS)
     for method in (ALL, *config["methods"]):
         own = [row for row in found if row["method"] == method]
-        costs[method] = {name: float(np.mean([row[name] for row in own])) for name in _COSTS}
+        names = (*_COSTS, *images, *(() if method == ALL else (*ERRORS, "reconstruction_seconds")))
+        costs[method] = {name: float(np.mean([row[name] for row in own])) for name in names}
         if method == ALL:
             continue
-        costs[method] |= {name: float(np.mean([row[name] for row in own])) for name in names}
         depth = [row["depth_over_element"] for row in own]
         enough = len(own) > 2  # of two materials every order is perfect
         trends[method] = (
@@ -50,7 +50,6 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     return {
         "rows": errors,
         "costs": costs,
-        "noise": float(np.mean([r["measured_standard_error"] / r["mean"] for r in found])),
         "exact": [dict(row) for row in rows if row["kind"] == "exact"],
         "psnr_by_depth_rank_correlation": trends,
         "worst_first": sorted(psnr, key=lambda name: psnr[name]),
@@ -68,8 +67,7 @@ def table(summary: Mapping[str, Any]) -> Any:
         f"worst here: {worst}; best: {summary['worst_first'][-1]}",
         f"published: close {', '.join(published['close'])}; failed {', '.join(published['failed'])}"
         " (numbers inside the figures only)",
-        f"noise of the measured values: {100.0 * summary['noise']:.0f} % of the mean (standard "
-        "error of a texel of one image), in all images and in the slices",
+        "single images of 'all images': the same images measured again with other samples",
     ]
     for method, trend in summary["psnr_by_depth_rank_correlation"].items():
         if trend is not None:
@@ -95,7 +93,7 @@ def _cost_table(summary: Mapping[str, Any]) -> Any:
         measured, bytes_ = (f"{row[k] / 2**20:.1f}" for k in ("measured_bytes", "bytes"))
         cost = [f"{row['images']:.0f}", _duration(row["hardware_seconds"]), measured, bytes_]
         if method == ALL:
-            rows.append(["all images", *cost, "–", "0", "–"])
+            rows.append(["all images", *cost, "–", "–", _three(row, "images_")])
         else:
             seconds = f"{row['reconstruction_seconds']:.1f}"
             rows.append([method.upper(), *cost, seconds, *_both(row)])
