@@ -68,6 +68,9 @@ def test_planned_renders_are_those_written_by_hand():
         assert row["delta_e"] < 1.0
         assert row["planned_seconds"] > 0.0 < row["minimal_seconds"]
         assert row["integrator"] == "simrig_all_lights"
+        for ratios in (row, row["same"]):
+            assert ratios["interval"][0] <= ratios["ratio"] <= ratios["interval"][1]
+            assert ratios["kernel_ratio"] > 0.0
     assert planned.table(results)
 
 
