@@ -152,7 +152,9 @@ def test_texels_do_not_touch_each_other(rng):
 
 
 def test_a_slice_with_one_bright_sample_stays_within_bounds(rng):
-    """One sample of one slice of one texel, all others of the slice black."""
+    """All but one sample of one slice of a texel are black; a plan with one sample is refused."""
+    with pytest.raises(SimrigError, match="samples per slice: a whole number from 4"):
+        GantryPlan(slice_samples=1)
     values = np.full((PLAN.samples, 2, 3), 0.2)
     first = PLAN.knots().first
     values[first[6] : first[7], 1] = 0.0
