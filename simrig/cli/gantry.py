@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simrig.cli import frame
+from simrig.cli.measured import measurement_report
 
 if TYPE_CHECKING:
     from simrig.reflectance import Reflectance
@@ -34,19 +35,5 @@ def measure_gantry(
         plan = gantry_plan(samples, isotropic)
     measurement = Gantry().measure(reflectance, plan)
     measurement.save(output)
-    cost = measurement.cost
-    return frame.Report(
-        data={
-            "output": output,
-            "material": measurement.material,
-            "gantry": plan.describe(),
-            "cost": cost.as_dict(),
-            "provenance": dict(measurement.provenance),
-        },
-        shown=[
-            f"{output}: {cost.samples} samples of {measurement.material}, gantry, "
-            f"{plan.describe()}",
-            f"cost: {cost.hardware_seconds / 60.0:.1f} min of simulated hardware, "
-            f"{cost.compute_seconds:.2f} s of computing",
-        ],
-    )
+    about = {"gantry": plan.describe()}
+    return measurement_report(output, measurement, f"gantry, {plan.describe()}", about)

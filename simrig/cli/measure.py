@@ -10,6 +10,7 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.gantry import measure_gantry
+from simrig.cli.measured import measurement_report
 from simrig.cli.outputs import output_file
 from simrig.cli.rebuild import Method, load_measurement, rebuilt
 from simrig.cli.schemes import DEFAULT_THETA_MAX, measure_scheme, scheme_of
@@ -165,26 +166,15 @@ def measure(
                 progress=report,
             )
         measurement.save(output)
-    cost = measurement.cost
-    return frame.Report(
-        data={
-            "output": output,
-            "material": measurement.material,
-            "placement": placement.describe(),
-            "intersections": placement.intersections,
-            "slices": str(slices),
-            "cost": cost.as_dict(),
-            "provenance": dict(measurement.provenance),
-            "plan": plan.as_dict() if plan else None,
-        },
-        shown=[
-            f"{output}: {cost.samples} samples of {measurement.material}, {placement.describe()} "
-            f"({placement.intersections} intersections), {slices} slices",
-            f"cost: {cost.hardware_hours:.1f} h of simulated hardware, "
-            f"{cost.compute_seconds:.2f} s of computing",
-            *([effect_options.plan_table(plan, f"effects at {allowed}")] if plan else []),
-        ],
-    )
+    layout = f"{placement.describe()} ({placement.intersections} intersections), {slices} slices"
+    about = {
+        "placement": placement.describe(),
+        "intersections": placement.intersections,
+        "slices": str(slices),
+        "plan": plan.as_dict() if plan else None,
+    }
+    tables = [effect_options.plan_table(plan, f"effects at {allowed}")] if plan else []
+    return measurement_report(output, measurement, layout, about, tables)
 
 
 def _placement(

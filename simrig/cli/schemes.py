@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from simrig.cli import effect_options, frame
+from simrig.cli.measured import measurement_report
 from simrig.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -98,36 +99,23 @@ def measure_scheme(
     """
     from simrig.rigs.planning import with_plan
 
-    plan = None
+    plan, tables = None, []
     if effects is not None:
         plan = _planned(reflectance, rig, scheme, *effects)
+        tables = [effect_options.plan_table(plan, f"effects at {effects[0]}")]
         rig = with_plan(rig, plan)
     with frame.progress(f"measuring {reflectance.name}") as report:
         measurement = rig.measure_scheme(
             reflectance, scheme, checkpoint=checkpoint, progress=report
         )
     measurement.save(output)
-    cost = measurement.cost
-    shown: list[Any] = [
-        f"{output}: {cost.samples} samples of {measurement.material}, "
-        f"{measurement.provenance['plan']}",
-        f"cost: {cost.hardware_hours:.1f} h of simulated hardware, "
-        f"{cost.compute_seconds:.2f} s of computing",
-    ]
-    if plan is not None and effects is not None:
-        shown.append(effect_options.plan_table(plan, f"effects at {effects[0]}"))
-    return frame.Report(
-        data={
-            "output": output,
-            "material": measurement.material,
-            "scheme": scheme.name,
-            "directions": len(scheme),
-            "cost": cost.as_dict(),
-            "provenance": dict(measurement.provenance),
-            "plan": plan.as_dict() if plan else None,
-        },
-        shown=shown,
-    )
+    about = {
+        "scheme": scheme.name,
+        "directions": len(scheme),
+        "plan": plan.as_dict() if plan else None,
+    }
+    layout = str(measurement.provenance["plan"])
+    return measurement_report(output, measurement, layout, about, tables)
 
 
 def _planned(
