@@ -17,9 +17,8 @@ _SECONDS = ("saved [s]", "expected [s]")
 def ablation_tables(result: Ablation) -> list[Any]:
     """Return the rows as a table, with what they are measured against and what follows."""
     unit = result.plan.tolerance.unit
-    settings = ", ".join(f"{key} {value}" for key, value in result.plan.settings.items())
     before = (
-        f"tolerance {result.plan.tolerance}; plan: {settings}\n"
+        f"tolerance {result.plan.tolerance}; plan: {result.plan.settings_line}\n"
         f"everything: {result.spp:,} samples per pixel, {result.seconds:.2f} s, "
         f"standard error {result.noise:.2g} {unit}\n"
         f"planned render: {result.planned_seconds:.2g} s, expected "

@@ -14,7 +14,7 @@ bounds (triangle inequality).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -202,6 +202,11 @@ class Plan:
         """The most that all left-out effects change together, in the tolerance's unit."""
         return sum(d.bound.value for d in self.effects if not d.on and d.bound is not None)
 
+    @property
+    def settings_line(self) -> str:
+        """The settings as one line of text."""
+        return ", ".join(f"{key} {_text(value)}" for key, value in self.settings.items())
+
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON and file metadata."""
         return {
@@ -211,6 +216,12 @@ class Plan:
             "settings": dict(self.settings),
             **self.about,
         }
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return " ".join(f"{name}={number:.4g}" for name, number in value.items())
+    return str(value)
 
 
 @dataclass(frozen=True)

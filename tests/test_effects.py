@@ -117,3 +117,9 @@ def test_a_plan_gives_plain_values() -> None:
     )
     with pytest.raises(SimrigError, match="unknown effect"):
         Plan(made, {}, tolerance).on("e9")
+
+
+def test_settings_are_told_in_one_line() -> None:
+    settings = {"spp": 4, "structure_within_mm": {"floor.btf": 1234.56, "ball.btf": 0.0}}
+    plan = Plan((), settings, parse_tolerance("dE=1"))
+    assert plan.settings_line == "spp 4, structure_within_mm floor.btf=1235 ball.btf=0"

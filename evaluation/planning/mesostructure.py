@@ -261,6 +261,6 @@ def _with_carriers(scene: Any) -> dict[str, tuple[Any, Any]]:
             path.append(parents[path[-1]])
             if isinstance(path[-1], mi.BSDF):
                 carrier = path[-1]
-        name = ".".join(part.id() for part in reversed(path[:-1]))
+        name = ".".join(part.id() or type(part).__name__ for part in reversed(path[:-1]))
         found[name if name not in found else f"{name} {len(found)}"] = (node, carrier)
     return found

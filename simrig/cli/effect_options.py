@@ -116,9 +116,8 @@ def plan_table(plan: Plan, title: str = "") -> Any:
 
 def plan_lines(plan: Plan) -> list[str]:
     """Return the settings of a plan in one line, and in another that its tolerance is not kept."""
-    settings = ", ".join(f"{key} {value}" for key, value in plan.settings.items())
     line = (
-        f"{plan.tolerance}: {settings}; planned in {plan.about['planning_s']:.2f} s, "
+        f"{plan.tolerance}: {plan.settings_line}; planned in {plan.about['planning_s']:.2f} s, "
         f"expected to take {plan.about['render_s']:.2g} s"
     )
     advice = plan.about["advice"]
