@@ -97,10 +97,13 @@ def test_bad_input(tmp_path: Path, pairs: Path, monkeypatch: pytest.MonkeyPatch)
     assert "number" in refused("measure", "leather_nappa", "--output", new, "--orders", "few")
     pairs.write_text("95 0 0 0\n")
     assert "outside" in refused("measure", "leather_nappa", "--output", new, "--pairs", pairs)
-    pairs.write_text("theta phi\n")
-    assert "no list of pairs" in refused(
-        "measure", "leather_nappa", "--output", new, "--pairs", pairs
-    )
+    listed = ("measure", "leather_nappa", "--output", new, "--pairs", pairs)
+    for text in ("theta phi\n", "10 0 0\n", "10 0 0 0\n10 0 0\n", "# nothing\n"):
+        pairs.write_text(text)
+        assert "no list of pairs" in refused(*listed)
+    pairs.write_text("10 0 0 0\n20 0 0 0\n10 0 360 90\n")
+    assert "pairs 1 and 3 of the plan are the same" in refused(*listed)
+    assert "leave one of them out" in refused(*listed, "--directions", "81x81")
     assert "does not exist" in refused("measure", "leather_nappa", "--output", "/nowhere/a.h5")
     huge = ("measure", "leather_nappa", "--output", new, "--resolution", "16384")
     assert "10,567,230,160,896 bytes" in refused(*huge)

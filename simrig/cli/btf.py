@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
 _Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
-_GANTRY = "gantry"
+_DIRECTIONS, _GANTRY = "81x81", "gantry"
 
 
 def register(app: typer.Typer) -> None:
@@ -42,12 +42,12 @@ def measure(
     preset: Annotated[str, typer.Argument(help="See 'simrig materials --structures'.")],
     output: Annotated[Path, typer.Option(help="The BTF (.h5).")],
     directions: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="81x81, 151x151, the number of a uniform scheme (1 to 30), a name, or gantry "
-            "(168 pairs)."
+            help="81x81 (unless given), 151x151, the number of a uniform scheme (1 to 30), a name, "
+            "or gantry (168 pairs)."
         ),
-    ] = "81x81",
+    ] = None,
     pairs: Annotated[
         Path | None,
         typer.Option(
@@ -88,12 +88,14 @@ def measure(
     from simrig.sampling.gantry import GantryPlan
 
     if pairs is not None:
+        if directions is not None:
+            raise SimrigError("--pairs takes the place of --directions: leave one of them out")
         listed = _listed(pairs)
     elif directions == _GANTRY:
         listed = GantryPlan().angles()
     else:
-        listed = btf_angles(named_scheme(directions, others=(_GANTRY,)))
-    angles = checked_plan(by_view(listed))
+        listed = btf_angles(named_scheme(directions or _DIRECTIONS, others=(_GANTRY,)))
+    angles = by_view(checked_plan(listed))
     allowed = parse_tolerance(tolerance or DEFAULT_TOLERANCE)
     fixed = None if orders == "auto" else checked_orders(_number(orders))
     if fixed is not None and tolerance:
@@ -272,12 +274,15 @@ def _listed(path: Path) -> np.ndarray:
 
     try:
         text = path.read_text().replace(",", " ").replace(";", " ")
-        return np.radians([[float(word) for word in line.split()] for line in _rows(text)])
+        listed = np.radians([[float(word) for word in line.split()] for line in _rows(text)])
     except ValueError:
+        listed = np.empty(0)
+    if listed.ndim != 2 or listed.shape[1] != 4:
         raise SimrigError(
             f"'{path}' is no list of pairs: four angles in degrees a line, theta_i, theta_v, "
             "phi_i, phi_v"
-        ) from None
+        )
+    return listed
 
 
 def _rows(text: str) -> list[str]:

@@ -43,13 +43,16 @@ class PairGrid:
         """
         if missing not in MISSING:
             raise unknown_name("treatment of missing images", missing, MISSING)
+        twice = repeated_pair(stack.angles)
+        if twice is not None:
+            raise SimrigError(
+                f"BTF '{stack.name}' has the same pair of directions twice, as images {twice[0]} "
+                f"and {twice[1]}: leave one of them out"
+            )
         lights, light = _unique(stack.angles[:, 0], stack.angles[:, 2])
         views, view = _unique(stack.angles[:, 1], stack.angles[:, 3])
         images = np.full((len(lights), len(views)), -1)
         images[light, view] = np.arange(len(stack))
-        if (images >= 0).sum() < len(stack):
-            twice = int(np.setdiff1d(np.arange(len(stack)), images)[0])
-            raise SimrigError(f"BTF '{stack.name}' has image {twice}'s pair of directions twice")
         grid = cls(lights, views, images)
         if missing == "refuse" and len(grid.missing):
             raise SimrigError(grid._missing_message(stack.name))
@@ -121,8 +124,21 @@ class PairGrid:
         more = "; ..." if len(missing) > _NAMED else ""
         return (
             f"BTF '{name}' lacks {len(missing)} of {self.pairs} images ({listed}{more}): supply "
-            "them or ask to fill them (missing = fill)"
+            "them or fill them from their neighbours ('simrig btf fill', missing = fill in a scene)"
         )
+
+
+def repeated_pair(angles: np.ndarray) -> tuple[int, int] | None:
+    """Return the numbers of two rows that are one pair of directions, or None.
+
+    Args:
+        angles: theta_i, theta_v, phi_i, phi_v in radians, shape (pairs, 4).
+    """
+    views, view = _unique(angles[:, 1], angles[:, 3])
+    pair = _unique(angles[:, 0], angles[:, 2])[1] * len(views) + view
+    order = np.argsort(pair, kind="stable")
+    same = np.flatnonzero(np.diff(pair[order]) == 0)
+    return (int(order[same[0]]), int(order[same[0] + 1])) if same.size else None
 
 
 def _unique(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,6 +26,7 @@ from simrig.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
 from simrig.errors import SimrigError
 from simrig.mesostructure.tile import Tile
 from simrig.reflectance.btf import BtfStack, check_angles
+from simrig.reflectance.btf_grid import repeated_pair
 from simrig.rigs.btf_camera import TileCamera
 from simrig.rigs.btf_orders import MOST_ORDERS, plan_orders
 
@@ -214,7 +215,8 @@ def checked_plan(angles: np.ndarray) -> np.ndarray:
     """Return pairs as float64, or say what is wrong with them.
 
     Raises:
-        SimrigError: another shape, no pairs, NaN, or elevations outside of 0° to 89°.
+        SimrigError: another shape, no pairs, NaN, a pair that appears twice, or elevations outside
+            of 0° to 89°.
     """
     angles = np.array(angles, dtype=np.float64)
     if angles.ndim != 2 or len(angles) == 0:
@@ -224,6 +226,11 @@ def checked_plan(angles: np.ndarray) -> np.ndarray:
     if steepest > _STEEPEST_DEG:
         raise SimrigError(
             f"a BTF is measured at elevations up to {_STEEPEST_DEG:g}°, the plan has {steepest:g}°"
+        )
+    twice = repeated_pair(angles)
+    if twice is not None:
+        raise SimrigError(
+            f"pairs {twice[0] + 1} and {twice[1] + 1} of the plan are the same: measure one of them"
         )
     return angles
 
