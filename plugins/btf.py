@@ -31,7 +31,7 @@ def define_btf(adapter: type) -> type:
     | --- | --- | --- | --- | --- |
     | filename | string | required | – | an image stack or a factored BTF of simrig (HDF5) |
     | form | string | full | – | of a stack: `full`, or `factored` when it is loaded |
-    | tolerance | float | 0.05 | – | error of factors that are made here |
+    | tolerance | float | 0.2 | – | error of factors that are made here |
     | scale | float | required | – | mm of material per unit of u |
     | scale_v | float | scale | – | mm of material per unit of v |
     | rotation | float | 0 | – | degrees about the normal, texture and directions alike |

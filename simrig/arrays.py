@@ -83,12 +83,12 @@ def vector_type(float_type: type) -> type:
 
 
 def array_type(float_type: type, size: int) -> type:
-    """Return the array of ``size`` numbers of a Dr.Jit float type, up to four."""
+    """Return the array of ``size`` numbers of a Dr.Jit float type; above four that of any size."""
     import importlib
 
     module = importlib.import_module(float_type.__module__)
     double = dr.type_v(float_type) == dr.VarType.Float64
-    return getattr(module, f"Array{size}{'f64' if double else 'f'}")
+    return getattr(module, f"Array{size if size <= 4 else 'X'}{'f64' if double else 'f'}")
 
 
 def float_type(v: Array) -> type:
@@ -137,27 +137,6 @@ def gather_colour(source: Array, index: Array, like: Array, active: Array = True
     if isinstance(index, int):
         return type(like)(*(float(source[3 * index + c]) for c in range(3)))
     return dr.gather(vector_type(type(source)), source, index, active)
-
-
-def gather_packet(source: Array, index: Array, active: Array = True) -> Array:
-    """Read group number ``index`` of four floats of a flat table, at once.
-
-    Returns:
-        NumPy array of shape (..., 4) or a Dr.Jit 4-vector, as the index is.
-    """
-    if is_numpy(index):
-        return source.reshape(-1, 4)[index]
-    if isinstance(index, int):
-        import drjit.scalar
-
-        values = source.reshape(-1) if is_numpy(source) else source
-        return drjit.scalar.Array4f64(*(float(values[4 * index + k]) for k in range(4)))
-    return dr.gather(array_type(type(source), 4), source, index, active)
-
-
-def packet_dot(a: Array, b: Array) -> Array:
-    """Return the inner product of two groups of ``gather_packet``."""
-    return np.sum(a * b, axis=-1) if is_numpy(a) else dr.dot(a, b)
 
 
 def where_colour(mask: Array, colour: Array) -> Array:

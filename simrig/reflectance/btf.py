@@ -98,6 +98,27 @@ class BtfStack:
             check_values(block, f"BTF '{self.name}', pairs {part.start} to {part.stop - 1},")
             yield part, block
 
+    def images(self, numbers: np.ndarray) -> np.ndarray:
+        """Return some images as float32 (n, H, W, 3).
+
+        Args:
+            numbers: of the pairs, in any order; consecutive ones are read together.
+
+        Raises:
+            SimrigError: values that are NaN, infinite or negative.
+        """
+        numbers = np.asarray(numbers)
+        order = np.argsort(numbers)
+        runs = np.split(numbers[order], np.flatnonzero(np.diff(numbers[order]) != 1) + 1)
+        found = np.empty((len(numbers), *self.values.shape[1:]), dtype=np.float32)
+        filled = 0
+        for run in runs:
+            part = slice(filled, filled + len(run))
+            found[order[part]] = self.values[int(run[0]) : int(run[-1]) + 1]
+            filled = part.stop
+        check_values(found, f"BTF '{self.name}'")
+        return found
+
     def abrdf(self, x: float, y: float) -> ScatteredSamples:
         """Return the apparent BRDF at a point of the periodic tile.
 

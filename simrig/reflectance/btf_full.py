@@ -9,17 +9,19 @@ import drjit as dr
 import numpy as np
 
 from simrig.arrays import Array, float_type, scale
+from simrig.directions.triangulation import Place
 from simrig.errors import SimrigError, unknown_name
 from simrig.reflectance.btf import BLOCK_BYTES, BtfStack
 from simrig.reflectance.btf_grid import PairGrid
 from simrig.reflectance.packed import pack_colours, read_packed
 from simrig.reflectance.pyramid import MOST_PROBES, Pyramid, Texel, box_average, level_shapes
-from simrig.reflectance.spatial import Pairs, SpatialReflectance, cached
+from simrig.reflectance.spatial import SpatialReflectance, cached
 
 BUDGET_BYTES = 2 << 30  # of a stack's look-up table, unless told otherwise
 OVER_BUDGET = ("refuse", "coarsen")
 _TEXEL_BYTES = 8
 _MOST_TEXELS = 2**32 - 1  # what 32-bit indices reach
+_Pairs = list[tuple[Array, Array]]  # numbers of the pairs around directions, and their weights
 
 
 class FullBtf(SpatialReflectance):
@@ -93,13 +95,16 @@ class FullBtf(SpatialReflectance):
             table = cached(self, kind, "packed", lambda: wide(self._packed))
         return {"gain": data["gain"], "packed": table, **self.pyramid.tables(kind)}
 
-    def angular(
-        self, pairs: Pairs, layer: Array, data: Mapping[str, Array], active: Array
-    ) -> Pairs:
-        return pairs
+    def context(self, light: Place, view: Place) -> _Pairs:
+        count = len(self.grid.views)
+        return [
+            (light.nodes[i] * count + view.nodes[v], light.weights[i] * view.weights[v])
+            for i in range(3)
+            for v in range(3)
+        ]
 
     def texel(
-        self, context: Pairs, texel: Texel, data: Mapping[str, Array], active: Array
+        self, context: _Pairs, layer: Array, texel: Texel, data: Mapping[str, Array], active: Array
     ) -> Array:
         first = texel.start * self.grid.pairs + texel.index
         value: Array = None

@@ -120,10 +120,11 @@ class Pyramid:
             footprint: what is seen.
             tables: what ``tables`` returned.
             look_up: returns the numbers of texels that are averaged: a colour, or
-            numbers: that many, three or four.
+            numbers: that many.
         """
         if footprint.width is None:
-            return self._probe(footprint.x, footprint.y, None, tables, look_up)
+            level = to_index(0.0 * footprint.x)
+            return self._level(footprint.x, footprint.y, level, 1.0, tables, look_up)
         xp = namespace(footprint.width)
         width = xp.maximum(footprint.width, _SMALLEST * self.texel_mm)
         length = xp.sqrt(footprint.major_x**2 + footprint.major_y**2)
@@ -132,43 +133,44 @@ class Pyramid:
         width = xp.maximum(width, length / count)
         level = xp.log(width / self.texel_mm) * _PER_OCTAVE
         level = _limited(level, 0.0, len(self.shapes) - 1.0)
+        lower = to_index(level)
+        share = level - lower  # of the coarser level
 
-        def probe(number: Array) -> Array:
-            along = (number + 0.5) / count - 0.5
+        def tap(number: Array) -> Array:
+            """Return the share of one probe in one level: first those in the finer one."""
+            coarser = number >= count
+            probe = number - xp.select(coarser, count, 0.0)
+            along = (probe + 0.5) / count - 0.5
             x = footprint.x + along * footprint.major_x
             y = footprint.y + along * footprint.major_y
-            return self._probe(x, y, level, tables, look_up)
+            part = xp.select(coarser, share, 1.0 - share)
+            rank = lower + to_index(xp.select(coarser, 1.0, 0.0))
+            return self._level(x, y, rank, part / count, tables, look_up)
 
-        if dr.is_jit_v(count):
-            return _sum_jit(probe, count, numbers) / count
-        total = probe(0.0 * count)
-        for number in range(1, self.probes):
-            # a probe beyond the count repeats the first, with no weight
-            used = count > number
-            value = probe(xp.select(used, float(number), 0.0) + 0.0 * count)
+        taps = xp.select(share > 0.0, 2.0 * count, count)
+        if dr.is_jit_v(taps):
+            return _sum_jit(tap, taps, numbers)
+        total = tap(0.0 * taps)
+        for number in range(1, int(np.max(taps))):
+            # a tap beyond the last repeats the first, with no weight
+            used = taps > number
+            value = tap(xp.select(used, float(number), 0.0) + 0.0 * taps)
             total = total + scale(value, xp.select(used, 1.0, 0.0))
-        return scale(total, 1.0 / count)
+        return total
 
-    def _probe(
+    def _level(
         self,
         x: Array,
         y: Array,
         level: Array,
+        share: Array,
         tables: Mapping[str, Array],
         look_up: Callable[[Texel], Array],
     ) -> Array:
+        """Return the share of one level: four texels around a point."""
         column = _fraction(x * (1.0 / self.size_mm[0]))
         row = _fraction(y * (-1.0 / self.size_mm[1]))
-        if level is None:
-            return _bilinear(row, column, to_index(0.0 * column), 1.0, tables, look_up)
-        last = len(self.shapes) - 1
-        xp = namespace(level)
-        lower = to_index(xp.minimum(level, last - 1.0)) if last else to_index(level)
-        share = level - lower
-        fine = _bilinear(row, column, lower, 1.0 - share, tables, look_up)
-        if not last:
-            return fine
-        return fine + _bilinear(row, column, lower + 1, share, tables, look_up)
+        return _bilinear(row, column, level, share, tables, look_up)
 
 
 def level_shapes(resolution: tuple[int, int]) -> list[tuple[int, int]]:
@@ -207,16 +209,17 @@ def _overlap(length: int, count: int) -> np.ndarray:
     return np.maximum(upper - lower, 0.0) * (count / length)
 
 
-def _sum_jit(probe: Callable[[Array], Array], count: Any, numbers: int) -> Any:
+def _sum_jit(tap: Callable[[Array], Array], count: Any, numbers: int) -> Any:
     def body(number: Any, total: Any) -> tuple[Any, Any]:
-        return number + 1.0, total + probe(number)
+        return number + 1.0, total + tap(number)
 
+    kind = type(count)
     return dr.while_loop(
-        state=(dr.zeros(type(count)), dr.zeros(array_type(type(count), numbers))),
+        state=(dr.zeros(kind), dr.zeros(array_type(kind, numbers), shape=(numbers, 1))),
         cond=lambda number, total: number < count,
         body=body,
         labels=("number", "total"),
-        label="probes of a footprint",
+        label="taps of a footprint",
         max_iterations=-1,  # a plain sum, which has derivatives in reverse
     )[1]
 

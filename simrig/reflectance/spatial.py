@@ -15,8 +15,6 @@ from simrig.reflectance.btf_grid import PairGrid
 from simrig.reflectance.protocol import Reflectance, above_horizon
 from simrig.reflectance.pyramid import Footprint, Pyramid, Texel
 
-Pairs = list[tuple[Array, Array]]
-
 
 class SpatialReflectance(Reflectance):
     """A BTF over a grid of direction pairs: seamless in angles, filtered over distance.
@@ -34,7 +32,8 @@ class SpatialReflectance(Reflectance):
     reciprocal = False
     grid: PairGrid
     pyramid: Pyramid
-    texel_numbers = 3  # that ``texel`` returns, three or four
+    texel_numbers = 3  # that ``texel`` returns
+    deviations = False  # whether the parts are deviations from the average of the tile
 
     @property
     def size_mm(self) -> tuple[float, float]:
@@ -52,23 +51,36 @@ class SpatialReflectance(Reflectance):
         return 1
 
     @abstractmethod
-    def angular(self, pairs: Pairs, layer: Array, data: Mapping[str, Array], active: Array) -> Any:
-        """Return what a look-up needs of the directions, whatever the texel.
+    def context(self, light: Place, view: Place) -> Any:
+        """Return what look-ups need of the directions' places, whatever the texel."""
+
+    @abstractmethod
+    def texel(
+        self, context: Any, layer: Array, texel: Texel, data: Mapping[str, Array], active: Array
+    ) -> Array:
+        """Return what is averaged over texels: the part's f_r, or what ``finish`` takes.
 
         Args:
-            pairs: numbers of the nine pairs around the directions, with their weights.
+            context: of the directions.
             layer: number of the part.
+            texel: where.
             data: the prepared arrays.
             active: mask.
         """
 
-    @abstractmethod
-    def texel(self, context: Any, texel: Texel, data: Mapping[str, Array], active: Array) -> Array:
-        """Return what is averaged over texels: the part's f_r, or what ``finish`` takes."""
-
-    def finish(self, context: Any, average: Array) -> Array:
-        """Return the part's f_r from averaged texels and what ``angular`` returned."""
+    def finish(
+        self, context: Any, layer: Array, average: Array, data: Mapping[str, Array], active: Array
+    ) -> Array:
+        """Return the part's f_r from averaged texels."""
         return average
+
+    def average_over_tile(
+        self, context: Any, data: Mapping[str, Array], like: Array, active: Array
+    ) -> Array:
+        """Return f_r averaged over the whole tile, a colour of the type of ``like``."""
+        index = index_of(like)
+        texel = Texel(index(int(self.pyramid.starts[-1])), index(1), index(0), 1.0)
+        return self.texel(context, index(0), texel, data, active)
 
     def eval_at(
         self,
@@ -85,56 +97,33 @@ class SpatialReflectance(Reflectance):
             data: as for ``eval``.
         """
         data = self._data_for(wi, data)
+        active = _valid(wi, wv)
+        context = self.context(*self.directions(wi, wv))
 
-        def part(context: Any, active: Array) -> Array:
-            look_up = lambda texel: self.texel(context, texel, data, active)  # noqa: E731
+        def layer(number: Array) -> Array:
+            look_up = lambda texel: self.texel(context, number, texel, data, active)  # noqa: E731
             average = self.pyramid.average(footprint, data, look_up, self.texel_numbers)
-            return self.finish(context, average)
+            return self.finish(context, number, average, data, active)
 
-        return self._sum(wi, wv, data, part)
+        value = self._sum(layer, index_of(wi), float_type(wi))
+        if self.deviations:
+            value = value + self.average_over_tile(context, data, wi, active)
+        return where_colour(active, finished(value, data["gain"], wi))
 
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
-        index = index_of(wi)
-        texel = Texel(index(int(self.pyramid.starts[-1])), index(1), index(0), 1.0)
-
-        def part(context: Any, active: Array) -> Array:
-            return self.finish(context, self.texel(context, texel, data, active))
-
-        return self._sum(wi, wv, data, part)
-
-    def _sum(
-        self,
-        wi: Array,
-        wv: Array,
-        data: Mapping[str, Array],
-        part: Callable[[Any, Array], Array],
-    ) -> Array:
-        """Return the colour whose layers ``part`` gives, times the gain."""
         active = _valid(wi, wv)
-        pairs = self._pairs(wi, wv)
-
-        def layer(number: Array) -> Array:
-            return part(self.angular(pairs, number, data, active), active)
-
-        index = index_of(wi)
-        if self.layers > 1 and dr.is_jit_v(wi):
-            value = _sum_jit(layer, index, self.layers, float_type(wi))
-        else:
-            value = layer(index(0))
-            for number in range(1, self.layers):
-                value = value + layer(index(number))
+        value = self.average_over_tile(self.context(*self.directions(wi, wv)), data, wi, active)
         return where_colour(active, finished(value, data["gain"], wi))
 
-    def _pairs(self, wi: Array, wv: Array) -> Pairs:
-        """Return the nine measured pairs around directions."""
-        light, view = self.directions(wi, wv)
-        count = len(self.grid.views)
-        return [
-            (light.nodes[i] * count + view.nodes[v], light.weights[i] * view.weights[v])
-            for i in range(3)
-            for v in range(3)
-        ]
+    def _sum(self, layer: Callable[[Array], Array], index: Any, kind: type) -> Array:
+        """Return the sum of the layers."""
+        if self.layers > 1 and dr.is_jit_v(kind):
+            return _sum_jit(layer, index, self.layers, kind)
+        value = layer(index(0))
+        for number in range(1, self.layers):
+            value = value + layer(index(number))
+        return value
 
     def directions(self, wi: Array, wv: Array) -> tuple[Place, Place]:
         """Return where both directions lie among the measured ones."""
