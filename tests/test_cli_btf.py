@@ -73,11 +73,30 @@ def test_the_order_of_pairs_does_not_change_the_average() -> None:
 def test_an_average_needs_all_pairs() -> None:
     stack = bumps((2, 2), (8.0, 8.0), "uniform_1")
     lacking = BtfStack(np.asarray(stack.values)[:-1], stack.angles[:-1], stack.size_mm)
-    with pytest.raises(SimrigError, match="lacks 1 of the 841 pairs"):
+    with pytest.raises(SimrigError, match=r"lacks 1 of 841 images \(theta_i .* theta_v .*btf fill"):
         average_brdf(lacking)
     one_view = BtfStack(np.asarray(stack.values)[::29], stack.angles[::29], stack.size_mm)
     with pytest.raises(SimrigError, match="other directions"):
         average_brdf(one_view)
+
+
+def test_what_is_missing_is_filled_from_its_neighbours_on_request(tmp_path: Path) -> None:
+    stack = bumps((2, 2), (8.0, 8.0), "uniform_1")
+    values, kept = np.asarray(stack.values), np.delete(np.arange(841), [40, 500])
+    lacking, whole = tmp_path / "lacking.h5", tmp_path / "whole.h5"
+    write_btf(lacking, BtfStack(values[kept], stack.angles[kept], stack.size_mm))
+    assert "lacks 2 of 841 images" in refused("average", lacking, "--output", tmp_path / "b.h5")
+    said = made("fill", lacking, whole)
+    assert len(said["filled"]) == 2 and said["images"] == 841
+    assert said["provenance"]["filled"] == 2
+    filled = read_btf(whole)
+    np.testing.assert_array_equal(filled.values[:839], values[kept])
+    np.testing.assert_allclose(filled.angles[839:], stack.angles[[40, 500]], atol=1e-9)
+    # a ring of the same view is 60° wide: shading changes that much, but does not turn around
+    ratio = filled.values[839:].mean(axis=(1, 2, 3)) / values[[40, 500]].mean(axis=(1, 2, 3))
+    np.testing.assert_allclose(ratio, 1.0, atol=0.3)
+    made("average", whole, "--output", tmp_path / "b.h5")
+    assert "nothing to fill" in refused("fill", whole, tmp_path / "c.h5")
 
 
 @pytest.mark.parametrize(

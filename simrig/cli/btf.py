@@ -1,4 +1,4 @@
-"""``simrig btf``: measure a BTF, look at one, convert it, average it."""
+"""``simrig btf``: measure a BTF, look at one, convert it, fill it, average it."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ _DIRECTIONS, _GANTRY = "81x81", "gantry"
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
-    group = typer.Typer(help="BTFs: measure, look at, convert, average.")
+    group = typer.Typer(help="BTFs: measure, look at, convert, fill, average.")
     for name, function in (
         ("measure", measure),
         ("info", info),
         ("convert", convert),
+        ("fill", fill),
         ("average", average),
         ("from-slices", from_slices),
     ):
@@ -188,6 +189,27 @@ def convert(
         with frame.progress(f"reading {source.name}") as report:
             stack = import_btf(source, output, size, values, progress=report)
     return frame.Report(_described(output), [f"{output}: {len(stack):,} images of {stack.name}"])
+
+
+def fill(
+    file: _File,
+    output: Annotated[Path, typer.Argument(help="The BTF with all images (.h5).")],
+    force: _Force = False,
+) -> frame.Report:
+    """Blend the images that a BTF lacks from their neighbours, and say which they are.
+
+    An image is blended from those of the same view around it, else of the same illumination.
+    """
+    from simrig.data.btf_filled import write_filled
+    from simrig.data.btf_hdf5 import read_btf
+
+    stack = read_btf(file)
+    with output_file(output, force), frame.progress(f"{file.name}; images") as report:
+        filled = write_filled(output, stack, progress=report)
+    return frame.Report(
+        {**_described(output), "filled": filled},
+        [f"{output}: {len(stack):,} images of {stack.name} and {len(filled):,} blended:", *filled],
+    )
 
 
 def average(

@@ -8,8 +8,9 @@ from simrig.directions.spherical import to_angles
 from simrig.errors import SimrigError
 from simrig.reflectance.barycentric import BarycentricReflectance
 from simrig.reflectance.btf import BtfStack
+from simrig.reflectance.btf_grid import PairGrid
 
-_DIGITS = 6  # of direction components: equal to these is the same direction
+_SAME = 1e-5  # largest distance of two unit vectors that are one direction
 
 
 def average_brdf(stack: BtfStack) -> BarycentricReflectance:
@@ -20,29 +21,19 @@ def average_brdf(stack: BtfStack) -> BarycentricReflectance:
             need not be reciprocal.
 
     Raises:
-        SimrigError: other directions for light than for view, or missing pairs.
+        SimrigError: other directions for light than for view; pairs that are missing, named, or
+            there twice.
     """
-    wi, wv = (np.round(w, _DIGITS) + 0.0 for w in stack.directions)  # no negative zeros
-    directions, first, which = np.unique(
-        np.concatenate([wi, wv]), axis=0, return_index=True, return_inverse=True
-    )
-    lights, views = which.ravel()[: len(stack)], which.ravel()[len(stack) :]
-    count = len(directions)
-    if len(np.unique(lights)) != count or len(np.unique(views)) != count:
+    grid = PairGrid.of(stack)
+    nearest = np.argmax(grid.lights @ grid.views.T, axis=1)
+    apart = np.linalg.norm(grid.lights - grid.views[nearest], axis=1)
+    if len(grid.lights) != len(grid.views) or apart.max() > _SAME:
         raise SimrigError(
             f"BTF '{stack.name}' has other directions for light than for view: its average needs "
             "the same for both"
         )
-    # in the order in which views come in the stack
-    rank = np.argsort(np.argsort(first))
-    table = np.full((count, count, 3), np.nan)
     samples = stack.mean()
-    table[rank[lights], rank[views]] = samples.values
-    lacking = int(np.isnan(table[..., 0]).sum())
-    if lacking:
-        raise SimrigError(
-            f"BTF '{stack.name}' lacks {lacking} of the {count**2} pairs of its {count} directions"
-        )
-    exact = np.concatenate(stack.directions)[np.sort(first)]
-    theta, phi = to_angles(exact)
-    return BarycentricReflectance(theta, phi, table, name=samples.name)
+    theta, phi = to_angles(grid.lights)
+    return BarycentricReflectance(
+        theta, phi, samples.values[grid.images[:, nearest]], name=samples.name
+    )
