@@ -197,6 +197,19 @@ def test_the_validation_study_judges_a_planner_that_is_right_and_one_that_is_not
     assert wrong["summary"]["violations"] >= 1
 
 
+@pytest.mark.slow
+def test_a_reference_too_noisy_to_judge_is_rendered_for_longer() -> None:
+    def scene() -> dict:
+        return bright_corner(GREY, resolution=16)
+
+    tolerances = [parse_tolerance("dE=1")]
+    (hasty,), _ = plan_validation._cell(scene, tolerances, 1e-3, 1e-3)
+    (careful,), _ = plan_validation._cell(scene, tolerances, 1e-3, BUDGET)
+    assert hasty["met"] is None and careful["met"] is True
+    assert careful["reference_error"] <= 0.05 < 0.5 < hasty["reference_error"]
+    assert hasty["spp"] == careful["spp"] and careful["kept"]
+
+
 def test_expected_seconds_stand_beside_measured_ones(low_light: Ablation) -> None:
     """What the plan expects of its own samples, scaled to those of the pictures."""
     plan, everything = low_light.plan, low_light.spp
