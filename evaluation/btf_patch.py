@@ -37,7 +37,7 @@ class Sight:
         pixels: of the square picture, along each side.
     """
 
-    angles_deg: tuple[float, float, float, float]
+    angles_deg: tuple[float, ...]
     distance_m: float = VIEWING_MM / 1000.0
     pixels: int = 64
 
@@ -63,28 +63,33 @@ def structure_scene(tile: Tile, sight: Sight) -> Any:
     return _scene(tile_shapes(tile, _periods(tile, sight)), sight)
 
 
-def btf_scene(tile: Tile, btf: SpatialReflectance, sight: Sight) -> Any:
-    """Return a loaded scene of the BTF of a tile."""
+def btf_scene(
+    tile: Tile, btf: SpatialReflectance, sight: Sight, pixel_mm: float | None = None
+) -> Any:
+    """Return a loaded scene of the BTF of a tile.
+
+    Args:
+        tile: what was measured.
+        btf: its BTF.
+        sight: from where it is lit and seen.
+        pixel_mm: width of a pixel in parallel projection (``period_sensor``), 0 for points; of
+            the perspective ``sensor`` if it is left out.
+    """
     periods = _periods(tile, sight)
     width, height = ((2 * p + 1) * s for p, s in zip(periods, tile.size_mm, strict=True))
     centre = [0.5 * tile.size_mm[0], 0.5 * tile.size_mm[1], 0.0]
-    material = make_btf(
-        btf, scale=width, scale_v=height, pixel_angle=float(np.degrees(PIXEL_ANGLE))
-    )
+    cone = {"pixel_angle": float(np.degrees(PIXEL_ANGLE))}
+    if pixel_mm is not None:
+        cone = {"pixel_width": pixel_mm}
+    material = make_btf(btf, scale=width, scale_v=height, **cone)
     to_world = transform().translate(centre).scale([0.5 * width, 0.5 * height, 1.0])
     return _scene({"patch": {"type": "rectangle", "to_world": to_world, "bsdf": material}}, sight)
 
 
-def sensor(tile: Tile, sight: Sight, shift: tuple[float, float] = (0.0, 0.0)) -> Any:
-    """Return a loaded camera that looks at the middle of the tile.
-
-    Args:
-        tile: what is seen.
-        sight: from where.
-        shift: of what it looks at, in periods of the tile.
-    """
+def sensor(tile: Tile, sight: Sight) -> Any:
+    """Return a loaded camera that looks at the middle of the tile."""
     _, view = sight.directions
-    target = np.append((0.5 + np.asarray(shift)) * tile.size_mm, 0.0)
+    target = np.append(0.5 * np.asarray(tile.size_mm), 0.0)
     distance = 1000.0 * sight.distance_m
     fov = 2.0 * np.arctan(0.5 * sight.pixels * PIXEL_ANGLE)
     up = [0.0, 1.0, 0.0] if abs(view[1]) < 0.9 else [1.0, 0.0, 0.0]
@@ -97,15 +102,46 @@ def sensor(tile: Tile, sight: Sight, shift: tuple[float, float] = (0.0, 0.0)) ->
             "to_world": transform().look_at(
                 origin=(target + distance * view).tolist(), target=target.tolist(), up=up
             ),
-            "film": {
-                "type": "hdrfilm",
-                "width": sight.pixels,
-                "height": sight.pixels,
-                "pixel_format": "rgb",
-                "component_format": "float32",
-                "rfilter": {"type": "box"},
-            },
+            "film": _film(sight.pixels, sight.pixels),
             "sampler": {"type": "independent"},
+        }
+    )
+
+
+def period_sensor(
+    tile: Tile, sight: Sight, size: tuple[int, int], pixel_centres: bool = False
+) -> Any:
+    """Return a loaded camera in parallel projection over exactly one period of a tile.
+
+    It is sheared: its pixels are equal parts of the plane z = 0 from every direction, those of an
+    image of the BTF.
+
+    Args:
+        tile: what is seen.
+        sight: only its directions count.
+        size: width and height of the picture in pixels.
+        pixel_centres: one sample in the middle of each pixel (1 sample per pixel is taken).
+    """
+    _, view = sight.directions
+    width, height = tile.size_mm
+    above = 1.0 + 1.1 * max(tile.height_mm[1], 0.0)
+    # Mitsuba's picture is 2 wide and 2 · rows / columns high
+    across = np.array([-0.5 * width, 0.0, 0.0])
+    up = np.array([0.0, 0.5 * height * size[0] / size[1], 0.0])
+    origin = np.array([0.5 * width, 0.5 * height, 0.0]) + above / view[2] * view
+    to_world = np.eye(4)
+    to_world[:3] = np.column_stack([across, up, -view, origin])
+    sampler: dict[str, Any] = {"type": "independent"}
+    if pixel_centres:
+        sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
+    return mi.load_dict(
+        {
+            "type": "orthographic",
+            "near_clip": 1e-3 * above,
+            "far_clip": 1e3 * above / view[2],
+            "to_world": type(transform())(to_world),
+            "film": _film(*size),
+            "sampler": sampler,
         }
     )
 
@@ -122,6 +158,17 @@ def picture(scene: Any, camera: Any, depth: int, spp: int, seed: int = 0) -> np.
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
     found = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=mi.UInt32(seed))
     return np.maximum(np.array(found)[..., :3], 0.0)
+
+
+def _film(width: int, height: int) -> dict[str, Any]:
+    return {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "pixel_format": "rgb",
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
+    }
 
 
 def _periods(tile: Tile, sight: Sight) -> tuple[int, int]:

@@ -6,11 +6,10 @@ measured with, and the BTF, full and factored, on a flat rectangle (``evaluation
 - **Angles**: at a measured pair (the control: what raster and noise cost) and between measured
   ones (what angular interpolation costs). The noise of the structure's picture is stated: the ΔE
   between two of its renders of other samples; the picture compared with is their mean.
-- **Distance**: pictures from farther and farther away, with the same pixels. In the farthest, the
-  mean over the picture stands beside the ABRDF, the average of the measured images, and beside the
-  true structure's, which is rendered several times, each time with the tile moved by a random part
-  of a period. The difference is stated in standard errors, those of both.
-- **Speed**: the same picture, rounds in turn, medians; the first call, which compiles, apart.
+- **Distance**: pictures from farther and farther away, with the same pixels.
+- **Far field**: the means of pictures beside the ABRDF, see ``btf_against_structure_far``.
+- **Speed**: the same picture, rounds in turn, medians; the time of the kernels decides, since
+  tracing in Python does not grow with the picture. The first call, which compiles, stands apart.
 
 A cell is one material, so that its BTF is measured once.
 """
@@ -26,13 +25,13 @@ import numpy as np
 
 from simrig import backend
 from simrig.data.images import to_srgb8
-from simrig.directions.schemes import HemisphereScheme, Ring, hemisphere_81
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.benchmarks.timing import side_by_side
 from simrig.evaluation.btf_patch import Sight, btf_scene, picture, sensor, structure_scene
 from simrig.evaluation.metrics import delta_e_map, mse, psnr_from_mse, ssim_map, ssim_mean
 from simrig.evaluation.rendering import display_exposure
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.btf_against_structure_far import far_rows, rings_of
 from simrig.evaluation.studies.btf_against_structure_shown import plots, table
 from simrig.evaluation.studies.pictures import picture_row
 from simrig.mesostructure import build_tile
@@ -40,13 +39,31 @@ from simrig.mesostructure.tile import Tile
 from simrig.reflectance.btf import BtfStack
 from simrig.reflectance.btf_factored import FactoredBtf
 from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.protocol import evaluate
 from simrig.reflectance.spatial import SpatialReflectance
 from simrig.rigs.btf import btf_angles, measure_btf
 
-STRUCTURE = "structure"
+STRUCTURE, DIFFERENCE = "structure", "difference"
 ERRORS = ("delta_e", "psnr", "ssim")
 _MEASURED_DEG = 1e-3  # a pair that is as close to a measured one is measured
+_SHOWN_TIMES = 4.0  # how much stronger a difference of displayed colours is drawn
+
+FAR: dict[str, Any] = {
+    "rings": [[0.0, 1], [60.0, 4], [75.0, 4], [85.0, 4]],
+    "texels": 32,
+    "spp": 16,
+    "repeats": 4,
+    "pixels": 32,
+    "picture_spp": 64,
+    "renders": 8,
+    "angles_deg": [
+        [60.0, 0.0, 0.0, 0.0],
+        [60.0, 85.0, 90.0, 0.0],
+        [60.0, 60.0, 90.0, 180.0],
+        [60.0, 75.0, 90.0, 0.0],
+        [60.0, 85.0, 0.0, 180.0],
+        [75.0, 75.0, 90.0, 0.0],
+    ],
+}
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
@@ -61,36 +78,34 @@ PRESETS: dict[str, dict[str, Any]] = {
         "distances_m": [0.6, 2.4, 9.6],
         "pixels": 32,
         "picture_spp": 32,
-        "far": {"pixels": 12, "renders": 6},
+        "far": FAR | {"repeats": 3, "angles_deg": FAR["angles_deg"][:2]},
         "speed": {"pixels": 64, "spp": 8, "rounds": 3},
     },
+    # one material of five of the groups; 37 × 37 pairs every 25°
     "full": {
         "materials": [
             "leather_tan",
-            "canvas_beige",
-            "corduroy_brown",
-            "sandpaper_p60",
             "wood_walnut",
+            "leather_cognac",
+            "carpet_loop_grey",
             "twill_blue",
-            "tile_white",
         ],
-        "rings": None,  # 81 × 81
-        "texels": 64,
-        "spp": 16,
-        "orders": 4,
+        "rings": [[0.0, 1], [25.0, 6], [50.0, 12], [75.0, 18]],
+        "texels": 48,
+        "spp": 8,
+        "orders": 2,
         "tolerance": 0.05,
         "angles_deg": [
-            [60.0, 30.0, 90.0, 0.0],
-            [52.0, 22.0, 97.0, 15.0],
-            [37.0, 37.0, 190.0, 10.0],
-            [20.0, 52.0, 250.0, 40.0],
-            [67.0, 67.0, 130.0, 310.0],
+            [50.0, 25.0, 90.0, 0.0],
+            [50.0, 75.0, 90.0, 0.0],
+            [37.0, 37.0, 105.0, 30.0],
+            [62.0, 12.0, 75.0, 90.0],
         ],
-        "distances_m": [0.6, 1.2, 2.4, 4.8, 9.6, 19.2],
-        "pixels": 96,
-        "picture_spp": 128,
-        "far": {"pixels": 16, "renders": 16},
-        "speed": {"pixels": 256, "spp": 16, "rounds": 5},
+        "distances_m": [0.6, 1.2, 2.4, 4.8, 9.6],
+        "pixels": 64,
+        "picture_spp": 64,
+        "far": FAR,
+        "speed": {"pixels": 128, "spp": 8, "rounds": 3},
     },
 }
 
@@ -110,32 +125,25 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     tile = build_tile(cell["material"])
     stack = measure_btf(
         tile,
-        btf_angles(_scheme(config)),
+        btf_angles(rings_of("rings", config["rings"])),
         config["texels"],
         config["spp"],
         orders=config["orders"],
         dtype=np.float32,
     )
-    full = FullBtf.from_stack(stack)
     forms: dict[str, SpatialReflectance] = {
-        "full": full,
+        "full": FullBtf.from_stack(stack),
         "factored": FactoredBtf.from_stack(stack, tolerance=config["tolerance"]),
     }
     rows = []
     for angles in config["angles_deg"]:
-        sight = Sight(_four(angles), pixels=config["pixels"])
+        sight = Sight(tuple(angles), pixels=config["pixels"])
         rows += _compared("angle", tile, stack, forms, sight, config)
-        rows.append(_far(tile, stack, full, angles, config))
     for distance in config["distances_m"][1:]:
-        sight = Sight(_four(config["angles_deg"][0]), distance, config["far"]["pixels"])
+        sight = Sight(tuple(config["angles_deg"][0]), distance, config["pixels"])
         rows += _compared("distance", tile, stack, forms, sight, config)
-    return rows + _speed(tile, forms, config)
-
-
-def _scheme(config: Config) -> HemisphereScheme:
-    if config["rings"] is None:
-        return hemisphere_81()
-    return HemisphereScheme.from_rings("rings", [Ring(*ring) for ring in config["rings"]])
+    rows += _speed(tile, forms, config)
+    return rows + far_rows(tile, config["far"], config["orders"])
 
 
 def _nearest(stack: BtfStack, angles_deg: Sequence[float]) -> tuple[int, float]:
@@ -183,48 +191,18 @@ def _compared(
             "ssim": ssim_mean(ssim_map(reference, found, exposure), everywhere),
         }
         rows.append({"kind": kind, "form": form, **about, **errors})
-        shown = picture_row(label, to_srgb8(found, exposure))
-        rows.append({**shown, "form": form, **about, **errors})
+        shown = to_srgb8(found, exposure)
+        rows.append({**picture_row(label, shown), "form": form, **about, **errors})
+        if kind == "angle" and form == "full":
+            away = _difference(to_srgb8(reference, exposure), shown)
+            rows.append({**picture_row(label, away), "form": DIFFERENCE, **about})
     return rows
 
 
-def _four(angles_deg: Sequence[float]) -> tuple[float, float, float, float]:
-    theta_i, theta_v, phi_i, phi_v = angles_deg
-    return theta_i, theta_v, phi_i, phi_v
-
-
-def _far(
-    tile: Tile, stack: BtfStack, btf: FullBtf, angles: Sequence[float], config: Config
-) -> dict[str, Any]:
-    """Compare the mean of the farthest picture with the ABRDF and with the structure's."""
-    sight = Sight(_four(angles), config["distances_m"][-1], config["far"]["pixels"])
-    wi, wv = sight.directions
-    abrdf = float(evaluate(btf, wi[None], wv[None]).mean() * wi[2])
-    seen = float(picture(btf_scene(tile, btf, sight), sensor(tile, sight), 2, 16).mean())
-    scene, rng = structure_scene(tile, sight), np.random.default_rng(0)
-    depth, spp = config["orders"] + 1, config["picture_spp"]
-    truths = [
-        picture(scene, sensor(tile, sight, tuple(rng.random(2) - 0.5)), depth, spp, seed).mean()
-        for seed in range(config["far"]["renders"])
-    ]
-    truth = float(np.mean(truths))
-    own = float(np.std(truths, ddof=1) / np.sqrt(len(truths)))
-    texels = stack.resolution[0] * stack.resolution[1]
-    measured = float(stack.provenance["standard_error"] * wi[2] / np.sqrt(texels))
-    error = float(np.hypot(own, measured))
-    return {
-        "kind": "far",
-        "angles_deg": list(angles),
-        "distance_m": sight.distance_m,
-        "measured": _nearest(stack, angles)[1] < _MEASURED_DEG,
-        "abrdf": abrdf,
-        "btf": seen,
-        "structure": truth,
-        "standard_error": error,
-        "btf_off": seen / abrdf - 1.0,
-        "structure_off": truth / abrdf - 1.0,
-        "structure_off_errors": (truth - abrdf) / error,
-    }
+def _difference(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the difference of displayed pictures about grey, strengthened, uint8."""
+    away = _SHOWN_TIMES * (second.astype(np.float64) - first)
+    return np.clip(np.round(127.5 + away), 0.0, 255.0).astype(np.uint8)
 
 
 def _speed(
@@ -232,7 +210,7 @@ def _speed(
 ) -> list[dict[str, Any]]:
     """Time the first sight: the structure with direct light and with all orders, and the BTFs."""
     settings = config["speed"]
-    sight = Sight(_four(config["angles_deg"][0]), pixels=settings["pixels"])
+    sight = Sight(tuple(config["angles_deg"][0]), pixels=settings["pixels"])
     camera = sensor(tile, sight)
     scenes = {STRUCTURE: structure_scene(tile, sight)}
     scenes |= {form: btf_scene(tile, btf, sight) for form, btf in forms.items()}
@@ -242,6 +220,7 @@ def _speed(
     for light, depth in (("direct", 2), ("path", config["orders"] + 1)):
         jobs = {name: _job(scene, camera, depth, settings["spp"]) for name, scene in scenes.items()}
         timings = side_by_side(jobs, settings["rounds"])
+        kernels = {name: float(np.median(timing.kernels)) for name, timing in timings.items()}
         for name, timing in timings.items():
             samples = settings["pixels"] ** 2 * settings["spp"]
             rows.append(
@@ -249,8 +228,9 @@ def _speed(
                     "kind": "speed",
                     "form": name,
                     "integrator": light,
-                    "samples_per_second": samples / timing.median,
-                    "times_structure": timings[STRUCTURE].median / timing.median,
+                    "samples_per_second": samples / kernels[name],
+                    "times_structure": kernels[STRUCTURE] / kernels[name],
+                    "kernel_seconds": kernels[name],
                     "first_seconds": timing.first,
                     "median_seconds": timing.median,
                     "fastest_seconds": timing.fastest,

@@ -35,21 +35,21 @@ def table(summary: Mapping[str, Any]) -> Any:
     for mean in summary["means"]:
         text = "measured" if mean["measured"] else "between"
         angle.add_row(f"mean, {mean['form']}", "", "0.6", text, _errors(mean), "", "")
-    far = Table(title="Far field: mean radiance, ABRDF · cos θ_i = 1")
-    for column in ("material", "θ_i/θ_v/φ_i/φ_v", "measured", "BTF off", "structure off", "errors"):
+    far = Table(title="Far field: mean radiance over one period, ABRDF · cos θ_i = 1")
+    columns = ("material", "θ_i/θ_v/φ_i/φ_v", "BTF off", "perspective", "structure off", "errors")
+    for column in columns:
         far.add_column(column, justify="left" if column == "material" else "right")
     for row in summary["far"]:
-        error = 100 * row["standard_error"] / row["abrdf"]
         far.add_row(
             row["material"],
             _angles(row),
-            "yes" if row["measured"] else "between",
-            f"{100 * row['btf_off']:+.3f} %",
-            f"{100 * row['structure_off']:+.2f} ± {error:.2f} %",
+            f"{100 * row['btf_off']:+.4f} %",
+            f"{100 * row['perspective_off']:+.3f} %",
+            f"{100 * row['structure_off']:+.2f} ± {100 * row['standard_error']:.2f} %",
             f"{row['structure_off_errors']:+.1f}",
         )
-    speed = Table(title="Speed, same picture")
-    for column in ("material", "form", "light", "M/s", "÷ structure", "first [s]", "median [s]"):
+    speed = Table(title="Speed, same picture, by the time of the kernels")
+    for column in ("material", "form", "light", "M/s", "÷ structure", "kernels [s]", "first [s]"):
         speed.add_column(column, justify="left" if column == "material" else "right")
     speed.add_column("MiB", justify="right")
     for row in summary["speed"]:
@@ -59,16 +59,15 @@ def table(summary: Mapping[str, Any]) -> Any:
             row["integrator"],
             f"{row['samples_per_second'] / 1e6:.2f}",
             f"{row['times_structure']:.2f}",
+            f"{row['kernel_seconds']:.3f}",
             f"{row['first_seconds']:.2f}",
-            f"{row['median_seconds']:.3f} "
-            f"({row['fastest_seconds']:.3f}–{row['slowest_seconds']:.3f})",
             f"{row['bytes'] / 2**20:.2f}",
         )
     return Group(angle, far, speed)
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw structure, full and factored side by side, and the errors over distance."""
+    """Draw structure, BTFs and their difference side by side, and the errors over distance."""
     pictures = [row for row in rows if row["kind"] == PICTURE]
     files = []
     for material in dict.fromkeys(row["material"] for row in pictures):
@@ -81,10 +80,23 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             path = folder / f"{material}_{name}.png"
             if lines:
                 files.append(draw_sheet(path, list(lines.values()), 2.2, material))
-    return [*files, _over_distance(summary, folder / "distance.png")]
+    return [*files, _beside(pictures, folder / "beside.png"), _over_distance(summary, folder)]
 
 
-def _over_distance(summary: Mapping[str, Any], path: Path) -> Path:
+def _beside(pictures: Sequence[Row], path: Path) -> Path:
+    """Draw structure, full BTF and difference of every material, between measured pairs."""
+    lines = []
+    for material in dict.fromkeys(row["material"] for row in pictures):
+        own = [row for row in pictures if row["material"] == material and not row["measured"]]
+        own = own or [row for row in pictures if row["material"] == material]
+        first = {row["form"]: row for row in own if row["picture"] == own[0]["picture"]}
+        forms = ("structure", "full", "difference")
+        lines.append([(f"{material}\n{_caption(first[form])}", first[form]) for form in forms])
+    return draw_sheet(path, lines, 1.8)
+
+
+def _over_distance(summary: Mapping[str, Any], folder: Path) -> Path:
+    path = folder / "distance.png"
     figure = new_figure(5.6, 3.8)
     panel = figure.subplots()
     for number, material in enumerate(dict.fromkeys(r["material"] for r in summary["distance"])):
@@ -122,6 +134,8 @@ def _errors(row: Row) -> str:
 
 
 def _caption(row: Row) -> str:
+    if row["form"] == "difference":
+        return "full − structure, 4 ×\n"
     if row["form"] == _STRUCTURE:
         text = "measured" if row["measured"] else "between"
         return f"structure, {_angles(row)}°\n{text}, {row['distance_m']:g} m"
