@@ -38,6 +38,13 @@ def test_our_own_pictures_come_back(tmp_path) -> None:
         write_btf_images(tmp_path / "folder", stack)
 
 
+def test_two_pictures_of_one_pair_are_refused_by_name(tmp_path) -> None:
+    for pattern in (UTIA, BONN.replace("jpg", "exr")):
+        path_of(tmp_path, pattern, 7, np.radians([30.0, 15.0, 90.0, 0.0])).touch()
+    with pytest.raises(SimrigError, match=r"00007 tl030 pl090.*and .*tl030_pl090.*: remove one"):
+        find_btf_images(tmp_path)
+
+
 def test_all_names_of_81_by_81_differ_and_are_understood(tmp_path) -> None:
     angles = grid_angles(scheme("hemisphere_81"))
     for pattern in (UTIA, BONN):

@@ -10,6 +10,7 @@ import pytest
 
 from command_line import done, refusal, simrig
 from simrig.cli.schemes import named_scheme
+from simrig.data import btf_images
 from simrig.data.btf_hdf5 import read_btf, write_btf
 from simrig.data.load import load_material
 from simrig.directions.schemes import uniform_scheme
@@ -80,6 +81,31 @@ def test_an_average_needs_all_pairs() -> None:
         average_brdf(one_view)
 
 
+def test_an_interrupted_folder_of_pictures_is_finished_by_the_same_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stack, folder = bumps((2, 2), (8.0, 8.0), "uniform_1"), tmp_path / "pictures"
+    file = write_btf(tmp_path / "bumps.h5", BtfStack(stack.values[:9], stack.angles[:9], (8, 8)))
+    write, done_before = btf_images.write_exr, []
+
+    def interrupted(path: Path, *arguments: object) -> None:
+        if len(done_before) == 5:
+            raise KeyboardInterrupt
+        write(path, *arguments)
+        done_before.append(path)
+
+    monkeypatch.setattr(btf_images, "write_exr", interrupted)
+    assert simrig("btf", "convert", file, folder).exit_code == 130
+    assert not folder.exists()
+    monkeypatch.setattr(btf_images, "write_exr", write)
+    assert made("convert", file, folder)["pictures"] == 9
+    (folder / "mine.txt").write_text("kept")
+    assert "--force" in refused("convert", file, folder)
+    made("convert", file, folder, "--force")
+    assert (folder / "mine.txt").read_text() == "kept"
+    assert len(btf_images.find_btf_images(folder)[0]) == 9
+
+
 def test_what_is_missing_is_filled_from_its_neighbours_on_request(tmp_path: Path) -> None:
     stack = bumps((2, 2), (8.0, 8.0), "uniform_1")
     values, kept = np.asarray(stack.values), np.delete(np.arange(841), [40, 500])
@@ -129,4 +155,11 @@ def test_bad_input(tmp_path: Path, pairs: Path, monkeypatch: pytest.MonkeyPatch)
     assert refused("info", there)
     (tmp_path / "empty").mkdir()
     assert "no picture" in refused("convert", tmp_path / "empty", new)
+    for option in (
+        ("--size-mm", "3x3"),
+        ("--factor", "2"),
+        ("--colour", "rgb"),
+        ("--with-cosine",),
+    ):
+        assert "for a folder" in refused("convert", there, tmp_path / "out", *option)
     assert not new.exists()

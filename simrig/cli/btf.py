@@ -11,7 +11,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.effect_options import plan_table
-from simrig.cli.outputs import output_file
+from simrig.cli.outputs import output_file, output_folder
 from simrig.cli.schemes import named_scheme
 from simrig.cost import stopwatch
 from simrig.errors import SimrigError
@@ -160,10 +160,14 @@ def convert(
     size_mm: Annotated[
         str | None, typer.Option(help="Width and height of the tile that a folder shows: 10x10.")
     ] = None,
-    colour: Annotated[str, typer.Option(help="Of the pictures: auto, rgb or xyz.")] = "auto",
-    factor: Annotated[float, typer.Option(help="Makes the pictures' values f_r in 1/sr.")] = 1.0,
+    colour: Annotated[
+        str | None, typer.Option(help="Of a folder: auto (unless given), rgb or xyz.")
+    ] = None,
+    factor: Annotated[
+        float | None, typer.Option(help="Makes the values of a folder f_r in 1/sr (1).")
+    ] = None,
     with_cosine: Annotated[
-        bool, typer.Option("--with-cosine", help="The pictures hold f_r times cos theta_i.")
+        bool, typer.Option("--with-cosine", help="Of a folder: it holds f_r times cos theta_i.")
     ] = False,
     force: _Force = False,
 ) -> frame.Report:
@@ -176,13 +180,23 @@ def convert(
     from simrig.data.btf_images import PixelValues, import_btf, recorded_size, write_btf_images
 
     if not source.is_dir():
+        if with_cosine or (size_mm, colour, factor) != (None, None, None):
+            raise SimrigError(
+                f"'{source}' is a BTF, which holds its size and f_r: --size-mm, --colour, --factor "
+                "and --with-cosine are for a folder of pictures"
+            )
         stack = read_btf(source)
-        written = write_btf_images(output, stack)
+        request = {"btf": source, "changed": source.stat().st_mtime_ns}
+        with (
+            output_folder(output, force, request) as folder,
+            frame.progress(f"writing {output.name}") as report,
+        ):
+            written = write_btf_images(folder, stack, replace=True, progress=report)
         return frame.Report(
             {"output": output, "pictures": len(written)},
             [f"{output}: {len(written):,} pictures of {stack.name}"],
         )
-    values = PixelValues(colour, factor, with_cosine)
+    values = PixelValues(colour or "auto", 1.0 if factor is None else factor, with_cosine)
     size = recorded_size(source) if size_mm is None else _sides(size_mm)
     with output_file(output, force):
         frame.on_interrupt(f"the same command goes on from '{output}.part'")

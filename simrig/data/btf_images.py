@@ -26,6 +26,7 @@ from simrig.data.btf_hdf5 import BtfWriter, read_btf
 from simrig.data.images import read_image, write_exr
 from simrig.errors import SimrigError, unknown_name
 from simrig.reflectance.btf import BtfStack, checked_size
+from simrig.reflectance.btf_grid import repeated_pair
 
 COLOURS = ("auto", "rgb", "xyz")
 _NAME = re.compile(r"tl(\d+)[ _]+pl(\d+)[ _]+tv(\d+)[ _]+pv(\d+)\.(exr|png|jpe?g)$", re.IGNORECASE)
@@ -64,7 +65,8 @@ def find_btf_images(folder: str | Path) -> tuple[list[Path], np.ndarray]:
         azimuth of the illumination, then of the view.
 
     Raises:
-        SimrigError: no such folder, or no picture in it is named by its angles.
+        SimrigError: no such folder, no picture in it is named by its angles, or two pictures show
+            the same pair.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -80,8 +82,15 @@ def find_btf_images(folder: str | Path) -> tuple[list[Path], np.ndarray]:
         raise SimrigError(
             f"no picture below '{folder}' is named by its angles (tl000_pl000_tv000_pv000.exr)"
         )
-    found.sort(key=lambda entry: (entry[1][0], entry[1][2], entry[1][1], entry[1][3]))
-    return [path for path, _ in found], np.radians([angles for _, angles in found])
+    found.sort(key=lambda entry: (entry[1][0], entry[1][2], entry[1][1], entry[1][3], entry[0]))
+    paths, all_angles = [path for path, _ in found], np.radians([angles for _, angles in found])
+    twice = repeated_pair(all_angles)
+    if twice is not None:
+        raise SimrigError(
+            f"'{paths[twice[0]]}' and '{paths[twice[1]]}' show the same pair of directions: "
+            "remove one of them"
+        )
+    return paths, all_angles
 
 
 def import_btf(
@@ -129,14 +138,28 @@ def import_btf(
     return read_btf(path)
 
 
-def write_btf_images(folder: str | Path, stack: BtfStack) -> list[Path]:
+def write_btf_images(
+    folder: str | Path,
+    stack: BtfStack,
+    *,
+    replace: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
     """Write a stack as OpenEXR pictures in the naming of Bonn, exact angles in their headers.
 
+    Args:
+        folder: where to.
+        stack: what to write.
+        replace: write into a folder that is not empty, over pictures of the same names.
+        progress: called with pictures done and in total.
+
     Raises:
-        SimrigError: the folder's parent does not exist, or the folder has pictures already.
+        SimrigError: the folder's parent does not exist, or the folder is a file or not empty.
     """
     folder = Path(folder)
-    if folder.exists() and any(folder.iterdir()):
+    if folder.exists() and not folder.is_dir():
+        raise SimrigError(f"'{folder}' is a file, a folder for pictures was expected")
+    if not replace and folder.exists() and any(folder.iterdir()):
         raise SimrigError(f"the folder '{folder}' is not empty: choose another")
     if not folder.parent.is_dir():
         raise SimrigError(f"cannot write '{folder}': '{folder.parent}' does not exist")
@@ -154,6 +177,8 @@ def write_btf_images(folder: str | Path, stack: BtfStack) -> list[Path]:
             size = {"size_mm": " ".join(repr(length) for length in stack.size_mm)}
             write_exr(path, image, {**exact, **size, "comments": f"f_r in 1/sr of {stack.name}"})
             written.append(path)
+        if progress is not None:
+            progress(len(written), len(stack))
     return written
 
 
