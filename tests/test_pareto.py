@@ -194,6 +194,12 @@ def test_the_command_writes_a_table_and_says_what_to_choose(small: Path) -> None
     assert "wood01, for mean ΔE ≤ 0.0001: nothing that was tried will do" in " ".join(text.split())
 
 
+def test_too_few_samples_for_every_method_are_refused(small: Path) -> None:
+    options = ("--method", "barycentric", "--samples", "100", "--output", "out")
+    said = refusal("pareto", "wood01", *options)
+    assert "nothing could be measured: barycentric, 100 samples" in said and "435" in said
+
+
 def test_a_file_that_changed_is_another_configuration(small: Path) -> None:
     files = small / "a.h5"
     for name in ("wood01", "purple_satin"):

@@ -13,10 +13,10 @@ from simrig.evaluation.studies.pareto_choice import COSTS, METRICS, Metric
 
 AXES = (*COST_AXES, CostAxis("size of the result [KB]", lambda cost: cost.bytes / 1000.0))
 _SECONDS = {
-    "sampling": "sampling_seconds",
-    "rebuilding": "reconstruction_seconds",
-    "rendering": "rendering_seconds",
-    "compiling": "compile_seconds",
+    "sampling [s]": "sampling_seconds",
+    "rebuilding [s]": "reconstruction_seconds",
+    "rendering [s]": "rendering_seconds",
+    "compiling [s]": "compile_seconds",
 }
 
 
@@ -54,7 +54,7 @@ def _subject_table(subject: Mapping[str, Any], metric: str) -> Any:
     )
     shown = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
     shown.add_column("method")
-    numbers = ["samples", "hours", "MRE [%]", "ΔE", "PSNR", *_SECONDS, "KB"]
+    numbers = ["samples", "hours", "MRE [%]", "ΔE", "PSNR [dB]", *_SECONDS, "KB"]
     for name in numbers:
         shown.add_column(name, justify="right")
     shown.add_column("front")

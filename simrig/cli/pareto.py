@@ -57,8 +57,14 @@ def pareto(
     frame.on_interrupt(f"the same command goes on from the finished results in '{folder}'")
     with frame.progress("pareto") as report:
         found = run_study(study.STUDY, config, folder, None, workers, report)
-    files = found.files + write_table(folder / "pareto", flat_rows(found.summary))
     subjects = found.summary["subjects"]
+    if not any(subject["rows"] for subject in subjects):
+        first = subjects[0]["refused"][0]
+        raise SimrigError(
+            f"nothing could be measured: {first['method']}, {first['wished']:,} samples: "
+            f"{first['refused']}"
+        )
+    files = found.files + write_table(folder / "pareto", flat_rows(found.summary))
     advice = [advise(one, measure, budget_hours, error) for one in subjects] if wished else []
     data = {
         "configuration": config,
