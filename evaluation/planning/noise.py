@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -75,17 +75,19 @@ class SamplingNoise:
         """Return the least spp whose expected change is allowed, and that change.
 
         The candidates are 1, 2, 3, 4, 6, 8, 12, ...; the last is ``MOST_SAMPLES``, whatever the
-        change is then. The change falls with the samples, so they are searched by halves.
+        change is then. The change falls with the root of the samples, or nearly so: the search
+        begins where that of as many as there are tells it to.
         """
         candidates = _candidates(MOST_SAMPLES)
-        changes: dict[int, float] = {}
-
-        def suffices(spp: int) -> bool:
-            changes[spp] = self.change(spp)
-            return changes[spp] <= allowed
-
-        spp = candidates[bisect_left(candidates[:-1], True, key=suffices)]
-        return spp, changes[spp] if spp in changes else self.change(spp)
+        change = cache(self.change)
+        count = self.radiance.shape[1]
+        guess = count * (change(count) / allowed) ** 2 if allowed > 0.0 else math.inf
+        place = min(bisect_left(candidates, guess), len(candidates) - 1)
+        while place < len(candidates) - 1 and change(candidates[place]) > allowed:
+            place += 1
+        while place > 0 and change(candidates[place - 1]) <= allowed:
+            place -= 1
+        return candidates[place], change(candidates[place])
 
 
 def _candidates(most: int) -> list[int]:
