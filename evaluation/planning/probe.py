@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.arrays import aligned
+from simrig.errors import SimrigError
 from simrig.evaluation.control_samples import shape_numbers
 from simrig.evaluation.rendering import timed
 
@@ -58,6 +59,9 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
         scene: a loaded scene.
         integrator: a Mitsuba integrator or its dictionary.
         samples: per pixel.
+
+    Raises:
+        SimrigError: radiance that is NaN or infinite.
     """
     chosen, size = chosen_pixels(scene, sensor)
     count = len(chosen)
@@ -80,6 +84,13 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
     body = shape_numbers(scene, si).reshape(count, samples)
     normal = dr.select(dr.dot(si.n, ray.d) > 0.0, -si.n, si.n)
     seen, position, facing = (rows(x).reshape(count, samples, 3) for x in (radiance, si.p, normal))
+    bad = chosen[~np.isfinite(seen).all(axis=(1, 2))]
+    if len(bad):
+        raise SimrigError(
+            f"{len(bad)} of {count} pixels that were looked at are not finite, the first at (row, "
+            f"column) ({bad[0, 1]}, {bad[0, 0]}): the material or the light gives NaN or infinity "
+            "there"
+        )
     return CameraLook(
         seen,
         position,
