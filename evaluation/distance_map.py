@@ -20,7 +20,7 @@ from simrig.data.images import encode_srgb
 from simrig.errors import SimrigError, unknown_name
 from simrig.evaluation.control_samples import look_through_centres, shape_numbers
 from simrig.evaluation.plots import finish_figure, new_figure
-from simrig.plugins.make import one_line_errors
+from simrig.plugins.make import building
 
 MM = 1e-3  # metres in a unit of our scenes
 # by visibility; told apart by colour-blind readers, see evaluation/plots.py
@@ -118,14 +118,11 @@ def load_as_written(scene: Any) -> Any:
     """
     if not isinstance(scene, dict | Path):
         return scene
-    try:
-        with one_line_errors():
-            if isinstance(scene, dict):
-                return mi.load_dict(scene, optimize=False)
-            return mi.load_file(str(scene), optimize=False)
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise SimrigError(f"cannot build the scene: {reason}") from error
+    if isinstance(scene, dict):
+        with building("the scene"):
+            return mi.load_dict(scene, optimize=False)
+    with building(f"the scene '{scene}'"):
+        return mi.load_file(str(scene), optimize=False)
 
 
 def _first_hits(scene: Any) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:

@@ -16,7 +16,7 @@ from simrig import backend
 from simrig.cost import Cost
 from simrig.errors import SimrigError
 from simrig.evaluation.control_samples import ControlSamples, pixel_directions
-from simrig.plugins.make import one_line_errors
+from simrig.plugins.make import building
 
 __all__ = [
     "Clock",
@@ -77,12 +77,8 @@ def load(scene: Any) -> Any:
 
 
 def _load_dict(description: dict, what: str) -> Any:
-    try:
-        with one_line_errors():
-            return mi.load_dict(description)
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise SimrigError(f"cannot build the {what}: {reason}") from error
+    with building(f"the {what}"):
+        return mi.load_dict(description)
 
 
 def render(

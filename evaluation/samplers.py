@@ -76,7 +76,7 @@ def _file_with(path: Path, sampler: str) -> Any:
     """Load a scene file with its first sensor's sampler replaced."""
     import mitsuba as mi
 
-    from simrig.plugins.make import one_line_errors
+    from simrig.plugins.make import building
 
     try:
         root = ElementTree.parse(path).getroot()
@@ -93,9 +93,5 @@ def _file_with(path: Path, sampler: str) -> Any:
     folder = str(path.absolute().parent)
     if folder not in [str(known) for known in resolver]:
         resolver.append(folder)  # where the file's own references are looked up
-    try:
-        with one_line_errors():
-            return mi.load_string(ElementTree.tostring(root, encoding="unicode"))
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise SimrigError(f"cannot build the scene '{path}': {reason}") from None
+    with building(f"the scene '{path}'"):
+        return mi.load_string(ElementTree.tostring(root, encoding="unicode"))

@@ -77,3 +77,34 @@ def one_line_errors() -> Iterator[None]:
         if not found:
             raise
         raise SimrigError(found.group(1).strip()) from None
+
+
+@contextmanager
+def building(what: str) -> Iterator[None]:
+    """Say in one line why Mitsuba cannot build a scene.
+
+    Args:
+        what: is built, for the message: "the scene 'room.xml'".
+
+    Raises:
+        SimrigError: the message of a plugin of ours, or what is built and Mitsuba's reason.
+    """
+    try:
+        with one_line_errors():
+            yield
+    except RuntimeError as error:
+        raise SimrigError(f"cannot build {what}: {_reason(str(error))}") from None
+
+
+def _reason(report: str) -> str:
+    """Return what Mitsuba reports in one line, without the places in its own source."""
+    lines = [line.strip() for line in report.strip().splitlines()]
+    if "Traceback" in report:
+        return lines[-1]
+    reason = re.sub(r"\[\w+(\.cpp:\d+)?\] ", "", " ".join(lines))
+    unknown = re.search(r'Plugin "(simrig_\w+)" not found', reason)
+    if unknown:
+        from simrig.plugins.register import NAMES
+
+        return str(unknown_name("plugin", unknown.group(1), NAMES))
+    return reason

@@ -9,6 +9,7 @@ from simrig.plugins.lod import define_lod
 from simrig.plugins.named import PLUGINS
 from simrig.plugins.unshadowed import define_unshadowed
 
+NAMES = (*PLUGINS, "simrig_btf", "simrig_lod", "simrig_all_lights", "simrig_unshadowed")
 _ADAPTERS: dict[str, type] = {}
 _BTFS: dict[str, type] = {}
 

@@ -201,6 +201,18 @@ BROKEN = {
     "an unknown tag": (SCENE.replace("<shape", "<sheep").replace("</shape", "</sheep"), "sheep"),
     "no version": (SCENE.replace(' version="3.0.0"', ""), "version"),
     "no camera": ('<scene version="3.0.0"><shape type="sphere"/></scene>', "no camera"),
+    "a plugin of ours misspelt": (SCENE.replace("_kurt", "_kort"), "did you mean 'simrig_kurt'"),
+    "an unknown parameter": (
+        SCENE.replace('_kurt"/>', '_kurt"><float name="m_z" value="1"/></bsdf>'),
+        'unreferenced property in bsdf plugin of type "simrig_kurt": - float "m_z"',
+    ),
+    "a reflectance that is no number": (
+        SCENE.replace(
+            '<bsdf type="simrig_kurt"/>',
+            '<bsdf type="diffuse"><rgb name="reflectance" value="nan, 0, 0"/></bsdf>',
+        ),
+        "not finite",
+    ),
     "a missing mesh": (
         SCENE.replace(
             "<emitter",

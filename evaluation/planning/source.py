@@ -16,7 +16,7 @@ from typing import Any
 
 from simrig import backend
 from simrig.errors import SimrigError
-from simrig.plugins.make import one_line_errors
+from simrig.plugins.make import building
 
 # what carries a spectrum that RGB cannot say; a plain number or rgb is none
 _SPECTRAL_TYPES = {
@@ -119,12 +119,8 @@ def _from_file(path: Path) -> SceneSource:
     def build() -> Any:
         import mitsuba as mi
 
-        try:
-            with one_line_errors():
-                return mi.load_file(str(path))
-        except RuntimeError as error:
-            reason = str(error).strip().splitlines()[-1].strip()
-            raise SimrigError(f"cannot build the scene '{path}': {reason}") from None
+        with building(f"the scene '{path}'"):
+            return mi.load_file(str(path))
 
     includes = root.iter("include")
     spectral = None if any(True for _ in includes) else tuple(sorted(set(_spectral_tags(root))))
