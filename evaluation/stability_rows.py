@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -70,11 +69,6 @@ def stability_summary(rows: Sequence[StabilityRow]) -> dict[str, int]:
 def stability_data(rows: Sequence[StabilityRow]) -> dict[str, Any]:
     """Return the table as plain values: ``summary`` and ``rows``."""
     return {"summary": stability_summary(rows), "rows": [asdict(row) for row in rows]}
-
-
-def stability_json(rows: Sequence[StabilityRow]) -> str:
-    """Return the table as a JSON object with ``summary`` and ``rows``."""
-    return json.dumps(stability_data(rows), allow_nan=False, indent=1)
 
 
 def stability_markdown(rows: Sequence[StabilityRow], every_case: bool = False) -> str:

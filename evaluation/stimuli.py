@@ -26,8 +26,7 @@ from simrig.scenes.receding_cylinders import (
 from simrig.scenes.stimuli import CYLINDER_RADIUS
 
 FRAMES_PER_SECOND = 30
-PATCH_MM = 8.0  # the thesis does not say how wide its patch is
-SPEED_DEG = 36.0  # per second, nor how fast its cylinders turn
+SPEED_DEG = 36.0  # per second; the thesis does not say how fast its cylinders turn
 _WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 
 

@@ -9,7 +9,7 @@ from simrig.cli.rebuild import Method, rebuilt
 from simrig.data.load import load_material, save_material
 from simrig.errors import SimrigError
 from simrig.evaluation.mre import mre_estimate
-from simrig.reconstruction.highlights import along_highlights, reconstruct_along_highlights
+from simrig.reconstruction.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices import reconstruct
 from simrig.reflectance import Lambert, Ward, evaluate, kurt_material
 from simrig.reflectance.highlight_slices import HighlightSlices
@@ -22,6 +22,11 @@ RIG = Gonioreflectometer()
 def measured(material, e_s=20, a_s=60, samples=2000, slice_types="all"):
     placement = SlicePlacement.from_degrees(e_s, a_s)
     return RIG.measure(material, placement, samples, slice_types=slice_types)
+
+
+def along_highlights(slices):
+    """The same slices, with the same splines along them, interpolated along highlights."""
+    return HighlightSlices(slices.layout, **{"horizontal": None, **slices.data()})
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from simrig.evaluation.hard_cases import (
     hard_cases,
 )
 from simrig.evaluation.stability import PRECISIONS, stability_table
-from simrig.evaluation.stability_rows import stability_json, stability_markdown, stability_summary
+from simrig.evaluation.stability_rows import stability_data, stability_markdown, stability_summary
 from simrig.evaluation.stability_subjects import default_reflectances
 from simrig.reflectance import Lambert, Ward, kurt_material
 
@@ -121,7 +121,7 @@ def test_unknown_precision_is_refused():
 
 def test_json_and_markdown_hold_the_rows():
     rows = stability_table([kurt_material("wood01")], [])
-    content = json.loads(stability_json(rows))
+    content = json.loads(json.dumps(stability_data(rows), allow_nan=False))
     assert content["summary"] == stability_summary(rows)
     assert [row["case"] for row in content["rows"]] == [row.case for row in rows]
     assert len(content["rows"][0]["where"]) == 4

@@ -73,9 +73,9 @@ def _run(
     """Run one cell in a worker."""
     with _one_cell:
         if threads is not None:
-            import drjit
+            from simrig import backend
 
-            drjit.set_thread_count(threads)
+            backend.set_threads(threads)
         return run_timed(run_cell, config, cell)
 
 

@@ -31,8 +31,8 @@ from simrig.reflectance.checks import check_values
 
 CONTENT = "btf"
 _CHUNK_PAIRS, _CHUNK_TEXELS = 8, 64  # 200 kB as float16
-HALF_ERROR = 2.0**-11  # relative error of a value in float16, from SMALLEST_HALF to LARGEST_HALF
-SMALLEST_HALF = 2.0**-14  # below it the absolute error is at most 2^-25
+# of float16: relative error of values from 2^-14 on, below which it is at most 2^-25 absolute
+HALF_ERROR = 2.0**-11
 LARGEST_HALF = 65504.0
 
 

@@ -20,7 +20,6 @@ INVALID = ("fill", "black", "refuse")
 _HEADER = 12
 _BINS = int(np.prod(MERL_SHAPE))
 SIZE = _HEADER + 3 * 8 * _BINS
-_MARKER = -1.0
 
 
 def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -> IsotropicTable:

@@ -7,7 +7,6 @@ come about. The splines along slices are of the same logarithms: they dip less b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,7 +25,6 @@ from simrig.reflectance.along_highlights import (
     swept_along_highlights,
 )
 from simrig.reflectance.highlight_slices import HighlightSlices
-from simrig.reflectance.slice_layout import SliceLayout
 from simrig.reflectance.slices import SliceReflectance, along_slice
 from simrig.sampling.adaptive import AdaptiveSamples
 from simrig.sampling.placement import SubspacePlacement
@@ -132,23 +130,7 @@ def reconstruct_along_highlights(
     name = (
         f"{measurement.material} from {len(measurement.samples.values)} samples, along highlights"
     )
-    return _from_tables(known.layout, tables, name, offset)
-
-
-def along_highlights(slices: SliceReflectance) -> HighlightSlices:
-    """Return the same slices, with the same splines along them, interpolated along highlights."""
-    return _from_tables(slices.layout, slices.data(), slices.name)
-
-
-def _from_tables(
-    layout: SliceLayout,
-    data: Mapping[str, np.ndarray],
-    name: str,
-    offset: np.ndarray | None = None,
-) -> HighlightSlices:
-    horizontal = data.get("horizontal")
-    tables = data["corners"], data["axial"], data["diagonal"]
-    return HighlightSlices(layout, *tables, horizontal, name, offset)
+    return HighlightSlices(known.layout, **{"horizontal": None, **tables}, name=name, offset=offset)
 
 
 def _compressed_samples(samples: AdaptiveSamples, offset: np.ndarray) -> AdaptiveSamples:

@@ -39,10 +39,6 @@ class Knots:
     position: np.ndarray
     sample: np.ndarray
 
-    def slice_of(self) -> np.ndarray:
-        """Return the slice that every knot belongs to, (K,)."""
-        return np.repeat(np.arange(len(self.ends)), np.diff(self.first))
-
     def insert(self, after: np.ndarray, position: np.ndarray, sample: np.ndarray) -> Knots:
         """Return the knots with new ones placed behind the knots ``after`` (ascending)."""
         added = np.zeros(len(self.position) + 1, dtype=np.int64)
