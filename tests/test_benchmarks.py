@@ -74,6 +74,7 @@ def test_planned_renders_are_those_written_by_hand():
     assert planned.table(results)
 
 
+@pytest.mark.slow
 def test_btf_benchmark_renders_every_form():
     options = {"resolution": 16, "spp": 1, "rounds": 1, "texels": 2}
     results = btf.run(**options, variant="llvm_ad_rgb")
