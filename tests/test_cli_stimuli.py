@@ -95,6 +95,8 @@ def test_directions_are_named_as_for_a_measurement() -> None:
         (("cylinders", "bumps", "--directions", "81x82"), "did you mean '81x81'"),
         (("cylinders", "bumps", "--experiment", "C"), "experiment"),
         (("rotation", "bumps", "--seconds", "0"), "at least one frame"),
+        (("rotation", "bumps", "--seconds", "inf"), "an end, got inf"),
+        (("chessboard", "--square", "-2"), "above 0, got -2"),
         (("rotation", "bumps", "--directions", "31"), "31"),
         (("room", "--form", "btff"), "did you mean 'btf'"),
         (("room", "--distances", "predict"), "did you mean 'predicted'"),
@@ -111,6 +113,15 @@ def test_bad_input_is_refused_and_leaves_nothing(
 ) -> None:
     assert message in refused(*arguments, "--output", tmp_path / "new.png")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_is_not_measured_in_another_way(tmp_path: Path) -> None:
+    file = tmp_path / "measured.h5"
+    file.touch()
+    for option in (("--texels", "4"), ("--directions", "1")):
+        for command, output in (("cylinders", "new.png"), ("rotation", "new")):
+            said = refused(command, file, "--output", tmp_path / output, *option)
+            assert "leave out --texels and --directions" in said
 
 
 @pytest.mark.parametrize("command", [("cylinders", "bumps"), ("chessboard",), ("room",)])

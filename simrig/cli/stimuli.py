@@ -32,10 +32,14 @@ _Spp = Annotated[int, typer.Option(min=1, help="Samples per pixel.")]
 _Rotation = Annotated[
     float, typer.Option(help="Of the material, in degrees; the thesis has 0, 45 and 90.")
 ]
-_Texels = Annotated[int, typer.Option(min=1, help="Along x, of a BTF that is measured now.")]
-_Directions = Annotated[
-    str, typer.Option(help="Of a BTF that is measured now; as of 'simrig btf measure'.")
+_Texels = Annotated[
+    int | None, typer.Option(min=1, help="Along x, of a BTF that is measured now (64).")
 ]
+_Directions = Annotated[
+    str | None,
+    typer.Option(help="Of a BTF that is measured now; as of 'simrig btf measure' (81x81)."),
+]
+_TEXELS, _ALL_DIRECTIONS = 64, "81x81"
 _Seed = Annotated[int, typer.Option(min=0, help="Of the samples.")]
 _Force = Annotated[bool, typer.Option("--force", help="Replace existing output.")]
 _Exr = Annotated[bool, typer.Option("--exr", help="Frames as OpenEXR instead of PNG.")]
@@ -57,18 +61,16 @@ def cylinders(
     resolution: _Resolution = None,
     spp: _Spp = 64,
     rotation: _Rotation = 0.0,
-    texels: _Texels = 64,
-    directions: _Directions = "81x81",
+    texels: _Texels = None,
+    directions: _Directions = None,
     seed: _Seed = 0,
     force: _Force = False,
 ) -> frame.Report:
     """Render a material on the receding cylinders: BRDF above, BTF below."""
     _check_suffix(output)
-    listed = named_scheme(directions)
+    measured = _measured_now(material, texels, directions)
     with output_file(output, force) as temporary:
-        stimulus = _stimulus(
-            material, experiment, resolution, spp, rotation, texels=texels, directions=listed
-        )
+        stimulus = _stimulus(material, experiment, resolution, spp, rotation, **measured)
         with frame.progress("cylinders") as report:
             result = stimulus.picture(seed, report)
         exposure = _write(temporary, output, result, material)
@@ -84,27 +86,25 @@ def rotation(
     resolution: _Resolution = None,
     spp: _Spp = 16,
     rotation: _Rotation = 0.0,
-    texels: _Texels = 64,
-    directions: _Directions = "81x81",
+    texels: _Texels = None,
+    directions: _Directions = None,
     exr: _Exr = False,
     force: _Force = False,
 ) -> frame.Report:
     """Render the 12 cylinders rotating, 30 frames per second; after Ctrl-C it goes on."""
     from simrig.evaluation.stimuli import FRAMES_PER_SECOND, write_frames
 
+    if not 0.0 < seconds < math.inf:
+        raise SimrigError(f"a film needs at least one frame and an end, got {seconds:g} seconds")
     count = math.ceil(seconds * FRAMES_PER_SECOND)
-    if count < 1:
-        raise SimrigError(f"a film needs at least one frame, got {seconds:g} seconds")
-    listed = named_scheme(directions)
+    measured = _measured_now(material, texels, directions)
     request = {
         "material": material,
         **({"changed": Path(material).stat().st_mtime_ns} if Path(material).is_file() else {}),
         "options": [speed, patch, resolution, spp, rotation, texels, directions, exr],
     }
     with output_folder(output, force, request) as folder:
-        stimulus = _stimulus(
-            material, "B", resolution, spp, rotation, patch, texels=texels, directions=listed
-        )
+        stimulus = _stimulus(material, "B", resolution, spp, rotation, patch, **measured)
         with frame.progress("frames") as report:
             made = write_frames(stimulus, folder, count, speed, ".exr" if exr else ".png", report)
     data = {"folder": output, "frames": count, "rendered": made}
@@ -124,6 +124,8 @@ def chessboard(
     from simrig.evaluation.stimuli import cylinder_widths
 
     _check_suffix(output)
+    if not 0.0 < square < math.inf:
+        raise SimrigError(f"--square is the side of a square in mm above 0, got {square:g}")
     with output_file(output, force) as temporary:
         stimulus = _stimulus(f"chessboard-{square:g}", experiment, resolution, spp, 0.0)
         with frame.progress("chessboard") as report:
@@ -152,8 +154,10 @@ def room_command(
     ] = None,
     resolution: Annotated[int, typer.Option(min=16, help="Width in pixels; 16 : 9.")] = 1920,
     spp: _Spp = 16,
-    texels: _Texels = 32,
-    directions: _Directions = "81x81",
+    texels: Annotated[
+        int, typer.Option(min=1, help="Along x, of BTFs that are measured now.")
+    ] = 32,
+    directions: _Directions = None,
     seed: _Seed = 0,
     force: _Force = False,
 ) -> frame.Report:
@@ -173,7 +177,7 @@ def room_command(
         raise SimrigError("--distance takes the place of --distances: leave one of them out")
     if form != "switched" and (distances is not None or distance is not None):
         raise SimrigError(f"--form {form} has no switch: leave out --distances and --distance")
-    listed = named_scheme(directions)
+    listed = named_scheme(directions or _ALL_DIRECTIONS)
     names = assignments("--material", "PART=MATERIAL", material)
     with output_file(output, force) as temporary:
         backend.select()
@@ -189,6 +193,14 @@ def room_command(
             result = render(scene, spp, seed, progress=report)
         exposure = _write(temporary, output, result, "room")
     return _report(output, result, {"form": form, "exposure": exposure, "distances_mm": switch})
+
+
+def _measured_now(material: str, texels: int | None, directions: str | None) -> dict[str, Any]:
+    """Return how a material is measured; refuse to say so of a file that was measured before."""
+    if Path(material).is_file() and (texels, directions) != (None, None):
+        raise SimrigError(f"'{material}' is measured: leave out --texels and --directions")
+    scheme = named_scheme(directions or _ALL_DIRECTIONS)
+    return {"texels": texels or _TEXELS, "directions": scheme}
 
 
 def _stimulus(
