@@ -18,6 +18,7 @@ from simrig.data.files import atomic_write
 from simrig.evaluation.convergence_results import Convergence, Point
 from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, pareto_front
 
+_NO_RATES = "too few numbers of samples to fit how fast the noise falls: raise --budget-seconds"
 _LABELS = {"dE": "mean ΔE", "psnr": "displayed RMS [steps of 255]", "relative": "relative error"}
 
 
@@ -34,7 +35,8 @@ def convergence_tables(result: Convergence, every: bool = False) -> list[Any]:
         f"reference: path tracing of all orders, {reference.spp:,} samples per pixel; "
         f"its standard error is ΔE {reference.delta_e:.2g}, relative {reference.relative_rmse:.2g}"
     )
-    return [title, _settings_table(points, every), _rates_table(result), _verdict(result)]
+    rates = [_rates_table(result)] if result.rates else [_NO_RATES]
+    return [title, _settings_table(points, every), *rates, _verdict(result)]
 
 
 def _front(points: Sequence[Point]) -> list[Point]:
