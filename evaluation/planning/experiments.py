@@ -9,7 +9,8 @@ from simrig.effects import Plan
 from simrig.errors import SimrigError
 from simrig.evaluation.environment import BUILTIN, environment_lights
 from simrig.evaluation.experiment_config import Experiment, SceneSettings
-from simrig.evaluation.planning.planner import checked_overrides, plan_scene
+from simrig.evaluation.planning.overrides import checked_overrides
+from simrig.evaluation.planning.planner import plan_scene
 from simrig.evaluation.rendering import automatic_exposure
 from simrig.plugins import make_bsdf
 from simrig.reflectance.protocol import Reflectance

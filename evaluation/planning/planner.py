@@ -21,14 +21,12 @@ from simrig.evaluation import rendering
 from simrig.evaluation.planning.costs import USUAL_SPP, render_seconds, shadow_seconds
 from simrig.evaluation.planning.effects import (
     ANTI_ALIASING,
-    EFFECT_NAMES,
     SCENE_EFFECTS,
     SPECTRAL,
     spectral_bound,
 )
 from simrig.evaluation.planning.environment import (
     ENVIRONMENT,
-    check_environment,
     decide_environment,
     without_map,
 )
@@ -43,14 +41,19 @@ from simrig.evaluation.planning.mesostructure import (
     decide_mesostructure,
     structure_within,
 )
+from simrig.evaluation.planning.overrides import (
+    check_possible,
+    checked_overrides,
+    concerning,
+    must_follow_paths,
+    with_paths,
+)
 from simrig.evaluation.planning.planned import direct_light
 from simrig.evaluation.planning.probe import PATH_SAMPLES, SAMPLES, look
 from simrig.evaluation.planning.source import SceneSource, scene_source_in
 from simrig.evaluation.planning.subject import SampledSubject, SceneSubject
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
-# tracing a path tests what is in its way, and goes on in directions of the BSDF
-_NEEDED_BY_PATHS = ("shadowing", "bsdf-sampling")
 
 
 def plan_scene(
@@ -107,11 +110,11 @@ def plan_scene(
 
 
 def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> Plan:
-    _check_possible(subject, overrides)
-    subject.follows_paths = _must_follow_paths(subject, overrides)
+    check_possible(subject, overrides)
+    subject.follows_paths = must_follow_paths(subject, overrides)
     left_out, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
-    decisions = decide(SCENE_EFFECTS, subject, left_out, _known(overrides, SCENE_EFFECTS))
-    decisions = _with_paths(without_map(subject, decisions, overrides), overrides)
+    decisions = decide(SCENE_EFFECTS, subject, left_out, concerning(overrides, SCENE_EFFECTS))
+    decisions = with_paths(without_map(subject, decisions, overrides), overrides)
     depth, deeper = _depth(subject, left_out, decisions, overrides)
     decisions, lights = decide_environment(subject, decisions, left_out, noise, overrides)
     integrator = _integrator(subject, decisions, depth, lights)
@@ -121,7 +124,7 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
     )
     with structure_within(subject.scene, within):
         sampled = _sampled(subject, integrator, bool(within))
-    (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, _known(overrides, (ANTI_ALIASING,)))
+    (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
     spp, smoothing, random = _samples(sampled, smoothing, noise)
     settings = {
         "integrator": integrator["type"],
@@ -163,72 +166,6 @@ def _costed(decision: Decision, spp: int) -> Decision:
     if decision.effect == ENVIRONMENT and decision.bound is not None:
         return decision  # compared with lights at the samples that each needs
     return replace(decision, cost_s=decision.cost_s * spp / USUAL_SPP)
-
-
-def _known(overrides: Overrides, effects: Iterable[Any]) -> Overrides:
-    """Return the overrides that concern some of the effects."""
-    names = {effect.name for effect in effects}
-    return Overrides(
-        tuple(name for name in overrides.force if name in names),
-        tuple(name for name in overrides.without if name in names),
-        overrides.everything,
-    )
-
-
-def checked_overrides(
-    force: Iterable[str] = (), without: Iterable[str] = (), everything: bool = False
-) -> Overrides:
-    """Return what the user decided about the effects of a scene.
-
-    Raises:
-        SimrigError: an unknown effect, or decisions that contradict each other.
-    """
-    overrides = Overrides(tuple(force), tuple(without), everything)
-    overrides.check(EFFECT_NAMES)
-    if "inter-reflection" in overrides.force:
-        for needed in _NEEDED_BY_PATHS:
-            if needed in overrides.without:
-                raise SimrigError(
-                    f"inter-reflection cannot be simulated without {needed}: leave out both or none"
-                )
-    return overrides
-
-
-def _check_possible(subject: SceneSubject, overrides: Overrides) -> None:
-    """Refuse what was asked for where it could not be done."""
-    check_environment(subject, overrides)
-    variant = backend.current()
-    if "spectral" in overrides.force and "spectral" not in variant and not subject.source.rebuilds:
-        raise SimrigError(
-            f"the scene is made of objects of the variant '{variant}', which has no spectra: "
-            "give a function that builds it, or load it in a spectral variant"
-        )
-
-
-def _must_follow_paths(subject: SceneSubject, overrides: Overrides) -> bool:
-    """Return whether inter-reflection is simulated whatever the other bounds are."""
-    left_out = any(name in overrides.without for name in ("inter-reflection", *_NEEDED_BY_PATHS))
-    return bool(subject.survey.unknown) and not left_out
-
-
-def _with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[Decision, ...]:
-    """Return the decisions with what inter-reflection needs switched on, or itself off."""
-    on = {decision.effect: decision.on for decision in decisions}
-    if not on["inter-reflection"]:
-        return decisions
-    missing = [name for name in _NEEDED_BY_PATHS if name in overrides.without]
-    changed = []
-    for decision in decisions:
-        if missing and decision.effect == "inter-reflection":
-            decision = replace(decision, on=False, why=f"cannot be simulated without {missing[0]}")
-        elif not missing and decision.effect in _NEEDED_BY_PATHS and _undecided(decision):
-            decision = replace(decision, on=True, why="comes with inter-reflection")
-        changed.append(decision)
-    return tuple(changed)
-
-
-def _undecided(decision: Decision) -> bool:
-    return not decision.on or decision.bound is None
 
 
 def _depth(
