@@ -28,6 +28,7 @@ ERRORS: dict[str, str] = {
     "psnr": "PSNR in dB",
     "ssim": "SSIM",
 }
+COSTS = ("samples", "hardware_minutes", "reconstruction_seconds")
 
 
 @dataclass(frozen=True)
@@ -105,4 +106,17 @@ def error_text(errors: Mapping[str, float]) -> str:
     return (
         f"{errors['delta_e']:.1f} / {errors['rmse']:.1f} / {errors['psnr']:.1f} / "
         f"{errors['ssim']:.2f}"
+    )
+
+
+def mean_cost(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return what a trial cost in the mean: samples, minutes of the device, seconds to rebuild."""
+    return {name: float(np.mean([row[name] for row in rows])) for name in COSTS}
+
+
+def cost_text(cost: Mapping[str, float]) -> str:
+    """Return a cost as tables show it."""
+    return (
+        f"{cost['samples']:,.0f} samples, {cost['hardware_minutes']:.1f} min, "
+        f"{cost['reconstruction_seconds']:.2f} s"
     )

@@ -42,6 +42,7 @@ def test_elevations_quick_preset_ranks_all_pairs(tmp_path):
     assert means == sorted(means) and len(means) == len(gantry_elevations.PAIRS)
     text = shown(study, found)
     assert "45/75" in text and "published" in text
+    assert "192 samples, 6.0 min, " in text, "errors are shown with what they cost"
     best = found.summary["our_order"][0]
     low, high = map(int, best.split("/"))
     own = [row["rmse"] for row in found.rows if (row["low"], row["high"]) == (low, high)]
@@ -76,6 +77,7 @@ def test_methods_compare_with_as_many_uniform_samples(tmp_path):
         assert gain["psnr"] == pytest.approx(means[method]["psnr"] - means["uniform"]["psnr"])
     text = shown(study, found)
     assert "-1.4" in text and "PSNR in dB" in text
+    assert text.count("168 samples, 6.0 min, ") == 3 and "169 samples" in text
 
 
 def test_absent_files_are_said_and_not_counted(tmp_path):

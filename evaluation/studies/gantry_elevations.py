@@ -16,7 +16,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simrig.evaluation.gantry_trials import ERRORS, Picture, error_text, gantry_trial, mean_errors
+from simrig.evaluation.gantry_trials import (
+    ERRORS,
+    Picture,
+    cost_text,
+    error_text,
+    gantry_trial,
+    mean_cost,
+    mean_errors,
+)
 from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
 from simrig.reflectance import kurt_material
@@ -72,6 +80,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
         "published_order": list(PUBLISHED_ORDER),
         "our_order": [mean["pair"] for mean in means],
         "means": means,
+        "cost": mean_cost(rows),
         "materials": list(config["materials"]),
     }
 
@@ -88,7 +97,8 @@ def table(summary: Mapping[str, Any]) -> Any:
     places = {pair: f"{k + 1}." for k, pair in enumerate(summary["published_order"])}
     for mean in summary["means"]:
         shown.add_row(mean["pair"], places.get(mean["pair"], ""), error_text(mean))
-    return Group(shown, f"means over {', '.join(summary['materials'])}")
+    cost = f"each: {cost_text(summary['cost'])} to rebuild"
+    return Group(shown, f"means over {', '.join(summary['materials'])}", cost)
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:

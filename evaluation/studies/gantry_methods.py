@@ -21,7 +21,15 @@ import numpy as np
 from simrig import backend
 from simrig.cost import stopwatch
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.evaluation.gantry_trials import ERRORS, Picture, error_text, gantry_trial, mean_errors
+from simrig.evaluation.gantry_trials import (
+    ERRORS,
+    Picture,
+    cost_text,
+    error_text,
+    gantry_trial,
+    mean_cost,
+    mean_errors,
+)
 from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
 from simrig.reconstruction.gantry import METHODS
@@ -105,8 +113,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     means: dict[str, dict[str, float]] = {}
     for method in config["methods"]:
         own = [row for row in rows if row["method"] == method]
-        seconds = float(np.mean([row["reconstruction_seconds"] for row in own]))
-        means[method] = {**mean_errors(own), "reconstruction_seconds": seconds}
+        means[method] = {**mean_errors(own), **mean_cost(own)}
     gains = {
         method: {name: means[method][name] - means[UNIFORM[0]][name] for name in ERRORS}
         for method in config["methods"]
@@ -127,7 +134,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.table import Table
 
     methods = list(summary["means"])
-    shown = Table(title=f"{' / '.join(ERRORS.values())}")
+    shown = Table(title=" / ".join(ERRORS.values()))
     shown.add_column("material")
     for method in methods:
         shown.add_column(method if method in UNIFORM else method.upper(), justify="right")
@@ -136,8 +143,7 @@ def table(summary: Mapping[str, Any]) -> Any:
         shown.add_row(name, *(error_text(own[method]) for method in methods))
     shown.add_section()
     shown.add_row("mean", *(error_text(summary["means"][method]) for method in methods))
-    seconds = (summary["means"][method]["reconstruction_seconds"] for method in methods)
-    shown.add_row("seconds", *(f"{value:.2f}" for value in seconds))
+    shown.add_row("cost, to rebuild", *(cost_text(summary["means"][m]) for m in methods))
     published = summary["published_gain"]
     lines = [
         f"{name} against uniform samples: published "

@@ -14,10 +14,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from simrig.data.load import load_material
-from simrig.evaluation.gantry_trials import ERRORS, Picture, error_text, gantry_trial, mean_errors
+from simrig.evaluation.gantry_trials import (
+    ERRORS,
+    Picture,
+    cost_text,
+    error_text,
+    gantry_trial,
+    mean_cost,
+    mean_errors,
+)
 from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
 from simrig.evaluation.studies.base import Cell, Config, Row, Study
 from simrig.sampling.gantry import GantryPlan
@@ -85,8 +91,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     means = {}
     for method in config["methods"] if present else ():
         own = [row for row in present if row["method"] == method]
-        seconds = float(np.mean([row["reconstruction_seconds"] for row in own]))
-        means[method] = {**mean_errors(own), "reconstruction_seconds": seconds}
+        means[method] = {**mean_errors(own), **mean_cost(own)}
     return {
         "published": PUBLISHED,
         "means": means,
@@ -102,7 +107,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.table import Table
 
     methods = list(summary["means"])
-    shown = Table(title=f"84 samples: {' / '.join(ERRORS.values())}")
+    shown = Table(title=" / ".join(ERRORS.values()))
     shown.add_column("material")
     for method in methods:
         shown.add_column(method.upper(), justify="right")
@@ -111,6 +116,7 @@ def table(summary: Mapping[str, Any]) -> Any:
         shown.add_row(name, *(error_text(own[method]) for method in methods))
     shown.add_section()
     shown.add_row("mean", *(error_text(summary["means"][method]) for method in methods))
+    shown.add_row("cost, to rebuild", *(cost_text(summary["means"][m]) for m in methods))
     published = " / ".join(f"{value:g}" for value in summary["published"].values())
     lines = [f"published, mean over 55 other materials (MERL): {published}"]
     if summary["absent"]:
