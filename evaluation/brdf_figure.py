@@ -172,6 +172,7 @@ def sample_positions(
     the two tiles, in proportion.
 
     Args:
+        measurement: along slices.
         elevations: those of the tiles, in radians.
 
     Returns:

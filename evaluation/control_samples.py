@@ -69,6 +69,9 @@ class ControlSamples:
 
         Returns:
             float32 (height, width, 3), linear RGB radiance.
+
+        Raises:
+            SimrigError: another number of values.
         """
         values = np.asarray(values)
         if values.shape != self.weight.shape:

@@ -119,7 +119,12 @@ class Convergence:
 
 
 def fit_rate(points: Iterable[Point], integrator: str, sampler: str) -> Rate | None:
-    """Fit how fast the noise of a method falls; None with fewer than three noisy settings."""
+    """Fit how fast the noise of a method falls; None with fewer than three noisy settings.
+
+    Args:
+        points: of any methods.
+        integrator, sampler: the method.
+    """
     own = [
         (math.log(p.spp), math.log(p.noise))
         for p in points

@@ -69,6 +69,13 @@ def reflectance_errors(
 ) -> dict[str, Any]:
     """Return the errors of a reflectance over all angles, and what it cost to find them.
 
+    Args:
+        truth: the material.
+        other: what was rebuilt of it.
+        grid: of the directions where they are compared.
+        settings: how many of these, and whether all of them as well.
+        seed: of the random directions.
+
     Returns:
         ``estimate``: the MRE from random directions with its standard error; ``exact``: every
         metric over the whole grid, None when that was not asked for. Plain values.
@@ -100,6 +107,12 @@ def material_facts(
 
     For a material that is not reciprocal ``half_error`` is the MRE that comes from measuring one
     half of the directions alone: no method that relies on reciprocity can be better.
+
+    Args:
+        truth: the material.
+        source: what the user called it.
+        grid: of the directions for ``half_error``.
+        samples, seed: number of these directions, and how they are drawn.
     """
     half = None
     if not truth.reciprocal:

@@ -81,6 +81,11 @@ class Studio:
     def reconstruction(self, key: str, label: str, reflectance: Reflectance) -> dict[str, Any]:
         """Render a reconstruction and compare it with the reference, which was rendered before.
 
+        Args:
+            key: of its files.
+            label: for people.
+            reflectance: the reconstruction.
+
         Returns:
             The errors, files and cost as plain values.
         """

@@ -149,6 +149,7 @@ def mre_estimate(
     zeros it is that of the ratio, linearised.
 
     Args:
+        truth, approximation, step_deg, theta_max_deg: as ``mre_exact``.
         samples: number of directions, at least four per elevation pair.
         seed: of the random numbers.
         relative_standard_error: if given (0.02 is 2 %), repeat with more samples until the

@@ -115,7 +115,14 @@ def direction_rows(
     precisions: Sequence[str],
     backend_name: str = "auto",
 ) -> list[StabilityRow]:
-    """Return the rows of one subject of direction pairs."""
+    """Return the rows of one subject of direction pairs.
+
+    Args:
+        subject: what is computed.
+        cases: the direction pairs.
+        precisions: a selection of ``PRECISIONS``.
+        backend_name: see ``stability_table``.
+    """
     return [row for p in precisions for row in _rows(subject, cases, p, backend_name)]
 
 

@@ -51,7 +51,14 @@ class CylinderStimulus:
     patch_mm: float = 0.0
 
     def scene(self, turn_deg: float = 0.0) -> dict[str, Any]:
-        """Return the scene with the cylinders turned about their axes."""
+        """Return the scene with the cylinders turned about their axes.
+
+        Args:
+            turn_deg: to the right.
+
+        Raises:
+            SimrigError: no samples, or a scene that ``receding_cylinders`` or ``patched`` refuse.
+        """
         if self.spp < 1:
             raise SimrigError(f"spp must be at least 1, got {self.spp}")
         height = cylinder_row(self.experiment).picture(self.resolution)[1]
@@ -93,6 +100,9 @@ class CylinderStimulus:
 
         Yields:
             The number of a frame and its picture.
+
+        Raises:
+            SimrigError: as ``scene``; no frames, a rate that is not above 0, or no finite speed.
         """
         if count < 1 or first < 0 or not frames_per_second > 0.0 or not np.isfinite(speed_deg):
             raise SimrigError(

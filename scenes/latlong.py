@@ -89,6 +89,9 @@ def builtin_environment(width: int = 512) -> np.ndarray:
 
     Returns:
         (width/2, width, 3) float64 radiance in relative units, in the convention of this module.
+
+    Raises:
+        SimrigError: a width that is odd or too small.
     """
     if width < 16 or width % 2:
         raise SimrigError(f"the width of an environment must be even and >= 16, got {width}")

@@ -20,7 +20,11 @@ _CAMERA_DISTANCE = 150.0
 
 
 def transform() -> Any:
-    """Return the identity of the current variant, to build ``to_world`` matrices from."""
+    """Return the identity of the current variant, to build ``to_world`` matrices from.
+
+    Raises:
+        SimrigError: no variant is set.
+    """
     import mitsuba as mi
 
     if mi.variant() is None:
@@ -42,6 +46,9 @@ def camera(
         half_width: half of what the picture spans horizontally, in mm.
         pixel_centres: one regular sample in the centre of each pixel instead of random ones.
         centre: x and y of the centre of the picture, in mm.
+
+    Raises:
+        SimrigError: no whole numbers of pixels, or no variant is set.
     """
     if width != int(width) or height != int(height) or min(width, height) < 1:
         raise SimrigError(f"a picture needs whole numbers of pixels >= 1, got {width} x {height}")
@@ -86,6 +93,9 @@ def lamp_position(theta_deg: float, phi_deg: float, distance: float, nearest: fl
         phi_deg: angle around that direction, from +x (right) towards +y (up).
         distance: mm from the origin.
         nearest: the least distance that stays outside of the object.
+
+    Raises:
+        SimrigError: a distance that is not further than that.
     """
     if not np.isfinite(distance) or distance <= nearest:
         raise SimrigError(
@@ -139,6 +149,11 @@ def ball(radius: float, centre: tuple[float, float], material: Any) -> dict:
     The tangent u of the material runs along the parallels, to the right in the picture; v runs
     along the meridians, up. A pole, where u and v are undefined, lies exactly on the outline: no
     pixel sees it from the front and none has it inside its disc.
+
+    Args:
+        radius: in mm.
+        centre: x and y in mm.
+        material: a Mitsuba BSDF, its dictionary or a reference to it.
     """
     return {"type": "sphere", "radius": radius, "to_world": upright(*centre), "bsdf": material}
 

@@ -76,6 +76,10 @@ class StudyFolder:
     def claim(cls, path: Path, study: Study, config: Config) -> StudyFolder:
         """Make the folder, or take the one that the same study and configuration began.
 
+        Args:
+            path: of the folder; its parents are made.
+            study, config: whose results go there.
+
         Raises:
             SimrigError: the folder holds anything else.
         """
@@ -125,7 +129,13 @@ class StudyFolder:
         return self.path / _CELLS / f"{cell_key(cell)}.json"
 
     def keep(self, cell: Cell, rows: Sequence[Mapping[str, Any]], seconds: float) -> None:
-        """Write the file of a finished cell."""
+        """Write the file of a finished cell.
+
+        Args:
+            cell: of the study.
+            rows: that it gave.
+            seconds: that it took.
+        """
         kept = {"cell": cell, "seconds": seconds, "rows": plain(list(rows))}
         _write_json(self.file_of(cell), kept)
 

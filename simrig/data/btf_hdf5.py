@@ -125,6 +125,12 @@ class BtfWriter:
         """Keep a number per pair beside the images, of consecutive pairs from ``first`` on.
 
         What is not given is NaN. ``read_notes`` returns them.
+
+        Args:
+            name: of the numbers.
+            first: pair to which the first of them belongs.
+            numbers: (m,), for m pairs.
+            units: of the numbers, for a reader of the file.
         """
         notes = self._file.require_group("notes")
         if name not in notes:

@@ -38,6 +38,12 @@ def slice_layout(
     The elevation grid has the largest step, at most ``largest_node_step_deg``, that meets all
     measured elevations exactly (in whole twelfths of a degree, and not below 0.25°); where there
     is none, every interval between measured elevations has its own step.
+
+    Args:
+        placement: where the slices lie.
+        azimuth_samples: of the tables along a whole turn.
+        largest_node_step_deg: see above.
+        one_pole: one value at theta_i = theta_v = 0, whatever the azimuths are.
     """
     ticks = np.degrees([placement.theta_max, placement.elevation_step]) * 12.0
     common = np.gcd(*np.round(ticks).astype(int)) / 12.0

@@ -149,7 +149,12 @@ class SliceReflectance(Reflectance):
         phi_v: Array,
         data: Mapping[str, Array] | None = None,
     ) -> Array:
-        """Return f_r for angles in radians (NumPy or Dr.Jit), theta in [0, 90°)."""
+        """Return f_r for angles in radians (NumPy or Dr.Jit), theta in [0, 90°).
+
+        Args:
+            theta_i, phi_i, theta_v, phi_v: of illumination and view, of the same shape.
+            data: arrays to read in the place of the reflectance's own, as ``prepare`` gives them.
+        """
         data = self._data_for(theta_i, data)
         texels = Texels(data, theta_i)
         return self._interpolate(theta_i, phi_i, theta_v, phi_v, texels)
@@ -259,6 +264,10 @@ class SliceReflectance(Reflectance):
 
 def azimuth_cell(phi_i: Array, phi_v: Array, a_n: int) -> tuple[Array, ...]:
     """Return where a pair of azimuths lies among the slices of a subspace.
+
+    Args:
+        phi_i, phi_v: azimuths in radians.
+        a_n: axial slices of a subspace (``SliceLayout.azimuth_count``).
 
     Returns:
         m: mean azimuth in radians; j, y: axial row, and where between it and the next; k, x:

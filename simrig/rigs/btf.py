@@ -67,7 +67,13 @@ def by_view(angles: np.ndarray) -> np.ndarray:
 
 
 def stack_bytes(pairs: int, resolution: tuple[int, int], dtype: type = np.float16) -> int:
-    """Return the bytes of the images of a measurement."""
+    """Return the bytes of the images of a measurement.
+
+    Args:
+        pairs: of directions, one image each.
+        resolution: (height, width) in texels.
+        dtype: of the values.
+    """
     return int(pairs) * resolution[0] * resolution[1] * 3 * np.dtype(dtype).itemsize
 
 

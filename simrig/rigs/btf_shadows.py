@@ -44,7 +44,13 @@ class ShadowGrid:
     any_lit: Any
 
     def at(self, tile: Tile, p: Any, light: Any) -> tuple[Any, Any]:
-        """Return whether points (inside the tile) are surely lit, and whether a ray must tell."""
+        """Return whether points (inside the tile) are surely lit, and whether a ray must tell.
+
+        Args:
+            tile: the material that the grid was made of.
+            p: points on it in mm, a Dr.Jit vector.
+            light: number of the light for each of them.
+        """
         column = self._index(p.x / tile.size_mm[0], self.columns)
         row = self._index(p.y / tile.size_mm[1], self.rows)
         word = (row * self.columns + column) * self.words + light // _BITS

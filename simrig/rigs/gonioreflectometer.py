@@ -151,6 +151,14 @@ class Gonioreflectometer:
         """Measure several materials at once, each with the same number of samples.
 
         The result equals ``measure`` for each of them; the slices of all are refined together.
+        The time of computing is shared out evenly.
+
+        Args:
+            reflectances: the materials.
+            placement, samples, slice_types: as ``measure``, the same for all.
+
+        Raises:
+            SimrigError: as ``measure``.
         """
         self._check_reach(reflectances, placement.theta_max)
 

@@ -180,6 +180,9 @@ class ReplayLog:
             angles: (m, 4) directions in the order of the plan.
             take: measures directions, (m, 4) to (m, 3).
             chunk: samples measured between two saves.
+
+        Raises:
+            SimrigError: the log holds other directions than these.
         """
         known = self._values[self._position : self._position + len(angles)]
         start = self._position

@@ -131,7 +131,15 @@ def averaged(
     effects: Collection[str],
     pairs: int = NODE_PAIRS,
 ) -> np.ndarray:
-    """Return f_r averaged over light, lens and spot, (n, 3)."""
+    """Return f_r averaged over light, lens and spot, (n, 3).
+
+    Args:
+        reflectance: the material.
+        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
+        instrument: whose light, lens and spot have an area.
+        effects: names of those that count; the others are points.
+        pairs: of nodes of the quadrature.
+    """
     size = max(_LARGEST_BLOCK // (2 * pairs), 1)
     parts = [
         at_nodes(reflectance, angles[first : first + size], instrument, effects, pairs).mean(axis=1)
@@ -153,6 +161,8 @@ def at_nodes(
     centre. The rig divides by the irradiance at the centre, so the fall-off stays in the value;
     what calibration leaves of the light's profile grows with the square of the distance from
     the centre.
+
+    Args: as ``averaged``.
     """
     nodes = quadrature(instrument, effects, pairs)
     spread = "spot-size" in effects
@@ -212,6 +222,11 @@ def mirror_gain(reflectance: Reflectance, angles: np.ndarray, instrument: Instru
     """Return what light adds that a mirror sends back to the sample, all orders, (n, 3).
 
     Light that the sample sends to the mirror comes back spread over the mirror's solid angle.
+
+    Args:
+        reflectance: the material.
+        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
+        instrument: its mirror.
     """
     share = instrument.mirror_reflectance * instrument.mirror_coverage
     if share == 0.0:
@@ -251,6 +266,11 @@ def exposure(values: np.ndarray, angles: np.ndarray, instrument: Instrument) -> 
     """Return the exposure of each sample: the longest that does not saturate any channel.
 
     Exposures double from one to the next; all channels share one.
+
+    Args:
+        values: (n, 3) f_r in 1/sr that reaches the sensor.
+        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
+        instrument: its sensor.
     """
     cos_theta = np.cos(np.minimum(angles[:, 0], _HORIZON))
     radiance = np.max(values, axis=1) * cos_theta
@@ -274,7 +294,14 @@ def noise_deviation(values: np.ndarray, shot: Exposure, instrument: Instrument) 
 def exposed(
     values: np.ndarray, angles: np.ndarray, instrument: Instrument, effects: Collection[str]
 ) -> np.ndarray:
-    """Return values after exposure, noise and conversion, as the mean of all pixels, (n, 3)."""
+    """Return values after exposure, noise and conversion, as the mean of all pixels, (n, 3).
+
+    Args:
+        values: (n, 3) f_r in 1/sr that reaches the sensor.
+        angles: (n, 4) that were asked for, in radians; chance belongs to them.
+        instrument: its sensor.
+        effects: of these ``noise`` and ``quantisation`` count.
+    """
     shot = exposure(values, angles, instrument)
     if "quantisation" in effects:
         values = np.minimum(values, shot.saturation)

@@ -93,6 +93,10 @@ class SlicePlacement:
     ) -> SlicePlacement:
         """Return the placement for steps given in degrees.
 
+        Args:
+            elevation_step_deg, azimuth_step_deg: between neighbouring slices.
+            theta_max_deg: the largest elevation.
+
         Raises:
             SimrigError: for steps that do not fit (see the class).
         """
