@@ -45,13 +45,14 @@ def expectation(
     kept = expected <= tolerance.amount
     advice = ""
     if not kept:
-        advice = f"{tolerance} is not kept: {_named(tolerance, expected)} is expected, "
+        instead = _named(tolerance, expected)
         if missing < tolerance.amount:
             needed = math.ceil(spp * (noise / (tolerance.amount - missing)) ** 2)
-            advice += f"with {spp} samples per pixel; {needed} would keep it"
+            why = f"{instead} is expected, with {spp} samples per pixel; {needed} would keep it"
         else:
             largest = max(bounds, key=bounds.__getitem__)
-            advice += f"as {largest} is left out by request; without that it would be kept"
+            why = f"up to {instead} is expected without {largest}; simulate that to keep it"
+        advice = f"{tolerance} is not kept: {why}"
     return {"expected_error": expected, "kept": kept, "advice": advice}
 
 
