@@ -18,7 +18,7 @@ from simrig.data.images import read_image
 from simrig.data.load import FORMATS, MATERIALS
 from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation import studies
-from simrig.evaluation.stability_uniform import list_rows
+from simrig.evaluation.stability.uniform import list_rows
 from simrig.evaluation.studies.base import Study
 from simrig.rigs.measurement import Measurement
 from simrig.scenes import SCENES
@@ -130,7 +130,7 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
     """The suite itself is tests/test_stability_suite.py's; here it gives a few of its rows."""
     rows = list_rows("barycentric", uniform_scheme(1))
     rows[:unexplained] = [replace(row, explained=False) for row in rows[:unexplained]]
-    monkeypatch.setattr("simrig.evaluation.stability.stability_suite", lambda *_, **__: rows)
+    monkeypatch.setattr("simrig.evaluation.stability.suite.stability_suite", lambda *_, **__: rows)
     result = simrig("stability", "--json")
     found = json.loads(result.stdout)
     assert found["summary"]["rows"] == len(found["rows"]) == len(rows) > 3
@@ -182,6 +182,7 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
         (["study", "run", "table-5-33"], "table-5-3"),
         (["study"], "Missing command"),
         (["bench", "plugin"], "did you mean 'plugins'"),
+        (["stability", "--seed", "-1"], "greater than or equal to 0"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(arguments: list[str], message: str) -> None:
@@ -261,8 +262,10 @@ def test_run_writes_a_folder_with_a_report() -> None:
 
 def test_studies_and_benchmarks_are_listed() -> None:
     assert "table-5-3" in [study["name"] for study in done("study", "list")["studies"]]
-    names = [benchmark["name"] for benchmark in done("bench")["benchmarks"]]
+    listed = done("bench")["benchmarks"]
+    names = [benchmark["name"] for benchmark in listed]
     assert {"plugins", "sampling", "whole-array"} <= set(names)
+    assert not any("`" in benchmark["about"] for benchmark in listed)
 
 
 def test_a_study_runs_goes_on_and_reports(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,6 +297,8 @@ def test_a_study_runs_goes_on_and_reports(monkeypatch: pytest.MonkeyPatch) -> No
         assert "pip install 'simrig[studies]'" in without_dask
     other = refusal("study", "run", "table-0", "--full", "--output", folder)
     assert "configuration count = 2, asked for is 3" in other
+    quick = refusal("study", "report", "table-0", "--full", "--output", folder)
+    assert "another configuration than --full" in quick
     assert "holds results of the study 'table-0'" in refusal(
         "study", "report", "table-5-3", "--output", folder
     )

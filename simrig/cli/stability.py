@@ -30,15 +30,15 @@ def stability(
     backend: Annotated[
         Backend, typer.Option(help="Where Dr.Jit and the plugins compute; auto prefers a GPU.")
     ] = Backend.AUTO,
-    seed: Annotated[int, typer.Option(help="Of the random directions of the cases.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random directions of the cases.")] = 0,
 ) -> frame.Report:
     """Compute everything on the hard cases, in single and double precision.
 
     Every reflectance, parameterisation, plugin and method, beside references in extended
     precision. Exit code 2 when an error is larger than rounding and conditioning explain.
     """
-    from simrig.evaluation.stability import stability_suite
-    from simrig.evaluation.stability_rows import stability_data, stability_markdown
+    from simrig.evaluation.stability.rows import stability_data, stability_markdown
+    from simrig.evaluation.stability.suite import stability_suite
 
     with frame.progress("hard cases") as report:
         rows = stability_suite(str(backend), progress=report, seed=seed)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.errors import unknown_name
+from simrig.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
     from simrig.evaluation.studies.engine import StudyResults
@@ -82,6 +82,8 @@ def report_study(name: _StudyName, full: _Full = False, output: _Output = None) 
     study = _find("study", name, STUDIES)
     folder = output or _folder(name, _preset(full))
     results = load_results(study, folder)
+    if full and frame.plain(results.config) != frame.plain(study.presets["full"]):
+        raise SimrigError(f"'{folder}' holds another configuration than --full: leave it out")
     page = write_page(results, folder)
     about = "\n".join(paragraphs(study))
     return _report(results, folder, f"{folder}: open {page}", report=page, about=about)
@@ -136,4 +138,4 @@ def _find(kind: str, name: str, registry: dict[str, Any]) -> Any:
 
 
 def _first_line(module: Any) -> str:
-    return (module.__doc__ or "").strip().splitlines()[0]
+    return (module.__doc__ or "").strip().splitlines()[0].replace("``", "")
