@@ -1,6 +1,6 @@
 """What structure looks like from 0.6 m, its features, and the distances that follow from them.
 
-The stimulus: a flat piece of the material as the first cylinder of thesis section B.2 shows it,
+The flat stimulus: a piece of the material as the first cylinder of thesis section B.2 shows it,
 seen along the normal under two directional lights, 1.0 from the right and 0.3 from the left, at
 the pixels of experiment B (1868 rows, 24 mm of sensor, 45 mm of focal length). Beside it stands
 what a BRDF shows: the mean colour of the piece, since a BRDF is the spatial mean of a BTF.
@@ -52,14 +52,14 @@ class Stimulus:
     Attributes:
         name: of the material.
         textured: displayed grey in [0, 1], shape (height, width).
-        plain: the grey of its mean colour.
+        plain: what its BRDF shows, in grey: one value of a flat piece, else of the same shape.
         pixel_mm: side of a pixel on the material.
         cost: of making it.
     """
 
     name: str
     textured: np.ndarray
-    plain: float
+    plain: float | np.ndarray
     pixel_mm: float = PIXEL_MM
     cost: Cost = Cost()  # noqa: RUF009 (frozen)
 
@@ -97,11 +97,12 @@ def look(stimulus: Stimulus, structure_mm: float | None = None) -> StructureLook
     if structure_mm is not None and not 0.0 < structure_mm < np.inf:
         raise SimrigError(f"the size of the structure must be > 0 mm, got {structure_mm:g}")
     start = time.perf_counter()
-    plain = np.full_like(stimulus.textured, stimulus.plain)
-    scale = perception.pixels_per_degree(stimulus.pixel_mm, VIEWING_MM)
+    plain = np.broadcast_to(stimulus.plain, stimulus.textured.shape)
+    scale = perception.pixels_per_degree(PIXEL_MM, VIEWING_MM)
+    structure = np.clip(stimulus.textured - plain + plain.mean(), 0.0, 1.0)  # without the shading
     features = {name: of(stimulus.textured, plain, scale) for name, of in FEATURES.items()}
     found = {
-        method: perception.structure_size(stimulus.textured, stimulus.pixel_mm, method)
+        method: perception.structure_size(structure, stimulus.pixel_mm, method)
         for method in METHODS
     }
     size = found["spectrum"] if structure_mm is None else structure_mm
@@ -136,7 +137,7 @@ def tile_stimulus(tile: Tile, pixels: int = PATCH, spp: int = 256, seed: int = 0
     kept = [max(1, round(resolution * side / widest)) for side in tile.size_mm]
     period = _middle(result.image, kept[1], kept[0])
     patch = _repeated(period, tile.size_mm, pixels)
-    return _displayed(tile.name, patch, result.cost)
+    return _flat(tile.name, patch, result.cost)
 
 
 def btf_stimulus(stack: BtfStack, pixels: int = PATCH) -> Stimulus:
@@ -152,7 +153,7 @@ def btf_stimulus(stack: BtfStack, pixels: int = PATCH) -> Stimulus:
         radiance = np.pi * cosine * np.asarray(stack.values[index], dtype=np.float64)
         lit = lit + strength * radiance
     patch = _repeated(lit, stack.size_mm, pixels)
-    return _displayed(stack.name, patch, Cost(compute_seconds=time.perf_counter() - start))
+    return _flat(stack.name, patch, Cost(compute_seconds=time.perf_counter() - start))
 
 
 def image_stimulus(image: np.ndarray, width_mm: float, name: str = "image") -> Stimulus:
@@ -173,7 +174,7 @@ def image_stimulus(image: np.ndarray, width_mm: float, name: str = "image") -> S
     kept = [min(count, max(1, round(PATCH * shown))) for count in linear.shape[:2]]
     patch = _middle(linear, kept[0], kept[1])
     rows, columns = (min(PATCH, max(1, round(count / shown))) for count in kept)
-    return _displayed(name, _resampled(patch, (rows, columns)), Cost())
+    return _flat(name, _resampled(patch, (rows, columns)), Cost())
 
 
 def _nearest(stack: BtfStack, theta: float, phi: float) -> tuple[int, float]:
@@ -216,6 +217,27 @@ def _resampled(patch: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return resize(patch, (*shape, 3), order=1, anti_aliasing=True, mode="reflect")
 
 
-def _displayed(name: str, linear: np.ndarray, cost: Cost) -> Stimulus:
-    grey = np.maximum(np.asarray(linear, dtype=np.float64) @ LUMINANCE, 0.0)
-    return Stimulus(name, encode_srgb(grey), float(encode_srgb(grey.mean())), cost=cost)
+def _flat(name: str, linear: np.ndarray, cost: Cost) -> Stimulus:
+    """Return a flat piece beside its mean colour."""
+    mean = np.asarray(linear, dtype=np.float64).mean(axis=(0, 1))
+    return displayed(name, linear, mean, PIXEL_MM, cost)
+
+
+def displayed(
+    name: str, textured: np.ndarray, plain: np.ndarray, pixel_mm: float, cost: Cost
+) -> Stimulus:
+    """Return a stimulus from linear pictures.
+
+    Args:
+        name: of the material.
+        textured: with structure, linear RGB, shape (height, width, 3).
+        plain: without, of the same shape, or one colour (3,).
+        pixel_mm: side of a pixel on the material.
+        cost: of making them.
+    """
+    with_structure, without = (
+        encode_srgb(np.maximum(np.asarray(colours, dtype=np.float64) @ LUMINANCE, 0.0))
+        for colours in (textured, plain)
+    )
+    grey = without if without.ndim else float(without)
+    return Stimulus(name, with_structure, grey, pixel_mm, cost)

@@ -10,13 +10,15 @@ import typer
 from simrig.cli import frame
 from simrig.cli.assignments import assignments
 from simrig.cli.outputs import output_file
-from simrig.errors import SimrigError
+from simrig.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
     from simrig.evaluation.structure_look import Stimulus
+    from simrig.mesostructure.tile import Tile
 
 _HDF5 = (".h5", ".hdf5")
 _PICTURES = (".png", ".exr", ".hdr")
+FLAT, CYLINDER = STIMULI = ("flat", "cylinder")
 
 
 def register(app: typer.Typer) -> None:
@@ -36,41 +38,55 @@ def distance(
         float | None,
         typer.Option(help="Size of the largest element; else the preset's, or found."),
     ] = None,
-    spp: Annotated[int, typer.Option(min=4, help="Samples per pixel, of a preset.")] = 256,
+    stimulus: Annotated[
+        str, typer.Option(help="flat, or cylinder: its BTF beside its BRDF as in thesis B.2.")
+    ] = FLAT,
+    texels: Annotated[
+        int, typer.Option(min=1, help="Along x, of a preset's BTF for the cylinder.")
+    ] = 64,
+    spp: Annotated[
+        int | None,
+        typer.Option(min=4, help="Of a preset: per pixel (256), or per texel of its BTF (16)."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of a preset.")] = 0,
 ) -> frame.Report:
     """Predict from which distance on the structure of a material cannot be seen.
 
-    What is looked at: a flat piece from 0.6 m under two lights, see docs/perception.md.
+    What is looked at: a flat piece from 0.6 m under two lights, or a cylinder that stands there,
+    see docs/perception.md.
     """
     from simrig.evaluation.structure_look import FEATURES, look
 
     size: float | None
-    stimulus, given = _stimulus(material, size_mm, spp, seed)
+    if stimulus not in STIMULI:
+        raise unknown_name("stimulus", stimulus, STIMULI)
+    look_at = _cylinder if stimulus == CYLINDER else _flat
+    shown, given = look_at(material, size_mm, spp=spp, seed=seed, texels=texels)
     if structure_mm is not None:
         size, source = structure_mm, "given"
     else:
         size, source = given, "of the preset" if given else "found in the spectrum"
-    seen = look(stimulus, size)
+    seen = look(shown, size)
     rows = [(name, seen.features[name], *_predicted(name, seen.distances_m)) for name in FEATURES]
-    height, width = stimulus.textured.shape
+    height, width = shown.textured.shape
     found = ", ".join(f"{size:.3g} mm by {name}" for name, size in seen.found_mm.items())
     return frame.Report(
         data={
-            "material": stimulus.name,
+            "material": shown.name,
+            "stimulus": stimulus,
             "structure_mm": seen.structure_mm,
             "structure_source": source,
             "found_mm": seen.found_mm,
             "features": seen.features,
             "distances_m": seen.distances_m,
             "pixels": [width, height],
-            "pixel_mm": stimulus.pixel_mm,
+            "pixel_mm": shown.pixel_mm,
             **seen.cost.as_dict(),
         },
         shown=[
-            f"{stimulus.name}: S = {seen.structure_mm:.3g} mm, {source} (found: {found})",
+            f"{shown.name}, {stimulus}: S = {seen.structure_mm:.3g} mm, {source} (found: {found})",
             frame.table(("feature", "F", "critical distance / m"), rows),
-            f"{width} × {height} pixels of {stimulus.pixel_mm:.3f} mm at 0.6 m, "
+            f"{width} × {height} pixels of {shown.pixel_mm:.3f} mm at 0.6 m, "
             f"{seen.cost.compute_seconds:.2f} s and {seen.cost.compile_seconds:.2f} s compilation",
         ],
     )
@@ -131,31 +147,58 @@ def distance_map(
     )
 
 
-def _stimulus(
-    material: str, size_mm: float | None, spp: int, seed: int
+def _flat(
+    material: str, size_mm: float | None = None, *, spp: int | None, seed: int = 0, **_of_btf: int
 ) -> tuple[Stimulus, float | None]:
-    """Return what to look at, and the size of its structure where it is known."""
+    """Return a flat piece, and the size of its structure where it is known."""
     from simrig.evaluation import structure_look as looks
-    from simrig.mesostructure import PRESETS, build_tile
 
-    suffix = Path(material).suffix.lower()
-    is_picture = suffix in _PICTURES
-    if is_picture != (size_mm is not None):
+    if (Path(material).suffix.lower() in _PICTURES) != (size_mm is not None):
         advice = "--size-mm says how wide a picture is, and only a picture needs it"
         raise SimrigError(f"'{material}': {advice}")
     if size_mm is not None:
         from simrig.data.images import read_image
 
         return looks.image_stimulus(read_image(material), size_mm, Path(material).name), None
-    if suffix in _HDF5:
+    if Path(material).suffix.lower() in _HDF5:
         from simrig.data.btf_hdf5 import read_btf
 
         return looks.btf_stimulus(read_btf(material)), None
-    from simrig import backend
+    tile = _tile(material, seed)
+    return looks.tile_stimulus(tile, spp=spp or 256), tile.element_mm
 
-    tile = build_tile(material, seed=seed)  # an unknown name is refused with the known ones
+
+def _cylinder(
+    material: str, size_mm: float | None, *, spp: int | None, seed: int, texels: int
+) -> tuple[Stimulus, float | None]:
+    """Return a cylinder with a BTF, and the size of its structure where it is known."""
+    if size_mm is not None or Path(material).suffix.lower() in _PICTURES:
+        raise SimrigError(f"'{material}': a cylinder needs a BTF, look at a picture with flat")
+    if Path(material).suffix.lower() in _HDF5:
+        from simrig import backend
+        from simrig.data.btf_hdf5 import read_btf
+
+        stack = read_btf(material)
+        backend.select()
+        size = None
+    else:
+        from simrig.evaluation.structure_cylinder import measured_upright
+
+        tile = _tile(material, seed)
+        stack, size = measured_upright(tile, texels, spp or 16), tile.element_mm
+    from simrig.evaluation.structure_cylinder import cylinder_stimulus
+
+    return cylinder_stimulus(stack), size
+
+
+def _tile(material: str, seed: int) -> Tile:
+    """Return the tile of a preset; an unknown name is refused with the known ones."""
+    from simrig import backend
+    from simrig.mesostructure import build_tile
+
+    tile = build_tile(material, seed=seed)
     backend.select()
-    return looks.tile_stimulus(tile, spp=spp), PRESETS[material].structure.element_mm
+    return tile
 
 
 def _predicted(name: str, distances: dict[str, float]) -> tuple[Any]:
@@ -169,5 +212,5 @@ def _metres(value: str) -> float:
     except ValueError:
         from simrig.evaluation.structure_look import look
 
-        stimulus, size = _stimulus(value, None, 64, 0)
+        stimulus, size = _flat(value, spp=64)
         return look(stimulus, size).distances_m["saliency"]

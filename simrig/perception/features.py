@@ -65,7 +65,7 @@ def structural_difference(plain: ArrayLike, textured: ArrayLike) -> float:
         K2=SSIM_K[1],
         use_sample_covariance=False,
     )
-    return float(1.0 - similarity)
+    return max(0.0, float(1.0 - similarity))  # equal images can come out above 1 by rounding
 
 
 def perceptual_difference(plain: ArrayLike, textured: ArrayLike, pixels_per_degree: float) -> float:
