@@ -282,9 +282,21 @@ def test_what_cannot_be_judged_is_said_and_kept_on() -> None:
     assert why["environment"] == "comes with inter-reflection"
     (why,) = (d.why for d in glass.effects if d.effect == "inter-reflection")
     assert "cannot be bounded" in why and "lets light through" in why
+    assert glass.on("shadowing") and bound_of(glass, "shadowing") == math.inf
+    assert {d.effect: d.why for d in glass.effects}["shadowing"] == "comes with inter-reflection"
     fog = {"type": "homogeneous", "albedo": 0.8, "sigma_t": 1.0}
     cloud = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog}
     assert plan_scene(simple(s=cloud, e=POINT), "dE=1").settings["integrator"] == "volpath"
+
+
+def test_shadows_are_bounded_only_where_paths_do_not_see_them_anyway() -> None:
+    ball = {"type": "sphere", "bsdf": {"type": "dielectric"}}
+    scene = simple(s=ball, t={"type": "sphere", "center": [0.9, 0.9, 0.9], "radius": 0.3}, e=POINT)
+    assert bound_of(plan_scene(scene, "dE=1"), "shadowing") == math.inf
+    alone = plan_scene(scene, "dE=1", without=["inter-reflection"])
+    assert 0.0 < bound_of(alone, "shadowing") < math.inf
+    neither = plan_scene(scene, "dE=1", without=["shadowing", "inter-reflection"])
+    assert bound_of(neither, "shadowing") == bound_of(alone, "shadowing")
 
 
 def test_spectra_are_transported_and_the_variant_comes_back() -> None:

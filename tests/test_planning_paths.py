@@ -15,7 +15,15 @@ from simrig.evaluation import rendering
 from simrig.evaluation.metrics import delta_e_map, foreground_mask
 from simrig.evaluation.planning import plan_scene, planned_integrator, planned_render
 from simrig.evaluation.planning.change import Display
-from simrig.evaluation.planning.indirect import ORDERS, PathLook, look_at_paths, sampled_changes
+from simrig.evaluation.planning.indirect import (
+    MORE_PATHS,
+    ORDERS,
+    PATHS,
+    PathLook,
+    look_at_paths,
+    sampled_changes,
+)
+from simrig.evaluation.planning.interreflection import with_more_paths
 from simrig.evaluation.planning.probe import look_at_surfaces
 from simrig.evaluation.planning.survey import Survey
 from simrig.evaluation.planning.transport import narrow_highlights
@@ -104,6 +112,14 @@ def test_what_no_path_met_is_allowed_for() -> None:
     assert hidden[0].bound > 50.0 * many.bound
     assert hidden[1].bound > 0.0 == hidden[1].estimate, "nor has what deeper paths would find"
     assert many.floor == few.floor == many.estimate, "equal pixels: nothing but paths is missing"
+
+
+def test_what_more_paths_will_say_is_known_before() -> None:
+    """The floor stays, the rest falls with the paths: where that is too much none are traced."""
+    now, then = (made_up(0.2, 0.01, 1.0, paths) for paths in (PATHS, MORE_PATHS))
+    expected = with_more_paths(sampled_changes(now, DISPLAY, 0.0)[0], now)
+    assert expected == pytest.approx(sampled_changes(then, DISPLAY, 0.0)[0].bound)
+    assert expected < sampled_changes(now, DISPLAY, 0.0)[0].bound
 
 
 def test_an_unseen_event_counts_most_where_the_picture_is_dark() -> None:

@@ -59,7 +59,7 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
     if proved <= tolerance.amount:
         why = "albedo and solid angle of the other bodies times the radiance that they send"
         return IndirectBounds((proved, *(change.bound for change in found[1:])), why)
-    if _with_more_paths(found[0], paths) > tolerance.amount:
+    if with_more_paths(found[0], paths) > tolerance.amount:
         return _from_paths(found, paths)
     paths = subject.look_at_paths(MORE_PATHS)
     return _from_paths(_sampled(subject, tolerance, paths), paths)
@@ -69,7 +69,7 @@ def _undecided(found: list[SampledChange], tolerance: Tolerance) -> bool:
     return found[0].estimate <= tolerance.amount < found[0].bound
 
 
-def _with_more_paths(found: SampledChange, paths: PathLook) -> float:
+def with_more_paths(found: SampledChange, paths: PathLook) -> float:
     """Return what the bound is likely to be with ``MORE_PATHS``: all but the floor falls with n."""
     return found.floor + (found.bound - found.floor) * paths.paths / MORE_PATHS
 
