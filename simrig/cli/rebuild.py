@@ -38,6 +38,7 @@ class Method(StrEnum):
 
 
 _ALONG_SLICES = (Method.SLICES, Method.IMPROVED)
+_RBF = (Method.RBF_GLOBAL, Method.RBF_LOCAL, Method.RBF_GLOBAL_LOG, Method.RBF_LOCAL_LOG)
 _OF_A_GANTRY = (Method.GANTRY_A, Method.GANTRY_B, Method.GANTRY_BD)
 _RBF_STEP, _GANTRY_STEP = 5.0, 7.5  # degrees between the nodes of a table
 
@@ -92,7 +93,8 @@ def rebuilt(
         step_deg: between the nodes of the table of an RBF (5 by default) or a gantry (7.5).
 
     Raises:
-        SimrigError: a method that cannot use the measurement, or a step that cannot be.
+        SimrigError: a method that cannot use the measurement, an option that the method does not
+            take, or a step that cannot be.
     """
     from simrig.reconstruction.by_name import reconstruct_by_name
     from simrig.reflectance.rbf import RbfReflectance
@@ -108,8 +110,12 @@ def rebuilt(
             f"{chosen} needs the slices of a gantry: measure with --rig gantry, or use --method "
             + ("slices" if along_slices else "barycentric")
         )
+    if step_deg is not None and chosen not in _RBF:
+        raise SimrigError(f"--step is that of a table, and {chosen} makes none: leave it out")
     if chosen in _ALONG_SLICES:
         return _along_slices(measured, chosen, interpolation or "cubic")
+    if interpolation is not None:
+        raise SimrigError(f"{chosen} interpolates along no slices: leave out --interpolation")
     step_deg = _checked_step(_RBF_STEP if step_deg is None else step_deg)
     name = chosen.replace("-", "_")
     made = reconstruct_by_name(name, measured)
