@@ -97,7 +97,10 @@ def test_schemes_and_what_is_made_of_them() -> None:
     assert planned["plan"] and planned["cost"]["samples"] <= 300
     table = done("reconstruct", "g.h5", "--output", "r.h5", "--method", "regular-grid")
     assert table["samples"] == planned["cost"]["samples"]
-    assert "no slices" in refusal("reconstruct", "s.h5", "--output", "x.h5", "--method", "slices")
+    to_x = ("reconstruct", "s.h5", "--output", "x.h5")
+    assert "no slices" in refusal(*to_x, "--method", "slices")
+    assert "leave it out" in refusal(*to_x, "--step", "20")
+    assert "leave out --interpolation" in refusal(*to_x, "--interpolation", "pchip")
     assert "regular grid" in refusal(
         "reconstruct", "s.h5", "--output", "x.h5", "--method", "regular-grid"
     )
@@ -148,7 +151,9 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
         ([*MEASURE, "--samples", "20"], "20 samples are too few"),
         ([*MEASURE, "--theta-max", "95"], "between 0 and 90"),
         ([*MEASURE, "--azimuth-step", "36"], "together"),
-        ([*MEASURE, "--slices", "round"], "Invalid value"),
+        ([*MEASURE, "--force", "noize"], "did you mean 'noise'"),
+        ([*MEASURE, "--rig", "gantri"], "unknown --rig 'gantri': did you mean 'gantry'?"),
+        ([*MEASURE, "--slices", "round"], "unknown --slices 'round'"),
         (
             [*MEASURE, "--samples", "100", "--elevation-step", "14", "--azimuth-step", "36"],
             "intersections",

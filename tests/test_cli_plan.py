@@ -116,6 +116,9 @@ def test_force_means_a_file_alone_and_an_effect_with_one() -> None:
     assert tell_forces_apart(["--force", "shadowing"], True) == ["--simulate", "shadowing"]
     assert tell_forces_apart(["--force=shadowing"], True) == ["--simulate=shadowing"]
     assert tell_forces_apart(["--force", "a.toml"], True) == ["--force", "a.toml"]
+    assert tell_forces_apart(["--force", "noize"], True) == ["--simulate", "noize"]
+    Path("shadowing").touch()
+    assert tell_forces_apart(["--force", "shadowing"], True) == ["--force", "shadowing"]
 
 
 def test_render_keeps_its_plan_and_can_do_without() -> None:

@@ -6,6 +6,8 @@ effect it simulates that effect.
 
 from __future__ import annotations
 
+import difflib
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from simrig.evaluation.experiment_config import Experiment
 
 _FORCE, _SIMULATE = "--force", "--simulate"
+_MISSPELT = 0.8  # likeness (difflib) from which on a word is taken for an effect
 
 Tolerance = Annotated[
     str | None,
@@ -56,7 +59,7 @@ def tell_forces_apart(args: list[str], ambiguous: bool) -> list[str]:
     Args:
         args: what follows the command's name.
         ambiguous: whether the word after ``--force`` may be an argument of the command; then
-            only the name of a known effect is taken for one.
+            only what is close to the name of a known effect, and no file, is taken for one.
     """
     told = list(args)
     for index, word in enumerate(told):
@@ -66,9 +69,15 @@ def tell_forces_apart(args: list[str], ambiguous: bool) -> list[str]:
         following = told[index + 1] if index + 1 < len(told) else "-"
         if word != _FORCE or following.startswith("-"):
             continue
-        if not ambiguous or following in _known_effects():
+        if not ambiguous or _means_an_effect(following):
             told[index] = _SIMULATE
     return told
+
+
+def _means_an_effect(word: str) -> bool:
+    """Return whether a word is the name of an effect, or one that is misspelt."""
+    near = difflib.get_close_matches(word, _known_effects(), n=1, cutoff=_MISSPELT)
+    return bool(near) and not Path(word).exists()
 
 
 def _known_effects() -> tuple[str, ...]:

@@ -17,6 +17,7 @@ import ctypes
 import importlib
 import inspect
 import os
+import re
 import sys
 import threading
 import time
@@ -29,7 +30,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from simrig.errors import SimrigError
+from simrig.errors import SimrigError, unknown_name
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -77,7 +78,7 @@ class OneLineErrors(TyperGroup):
         try:
             code = super().main(*args, **extra)
         except typer.TyperException as error:
-            _say_error(error.format_message())
+            _say_error(_with_nearest(error.format_message()))
             sys.exit(BAD_INPUT)
         except typer.Abort:
             sys.exit(INTERRUPTED)
@@ -120,6 +121,15 @@ def _framed(function: Callable[..., Report]) -> Callable[..., None]:
     run.__annotations__ = {item.name: item.annotation for item in parameters}
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run
+
+
+def _with_nearest(message: str) -> str:
+    """Say of a choice that is unknown what every unknown name is told: the nearest known one."""
+    choice = re.search(r"'([^']*)': Value error, '(.*)' is not one of (.+)\.$", message)
+    if choice is None:
+        return message
+    option, given, known = choice.groups()
+    return str(unknown_name(option, given, re.findall(r"'([^']*)'", known)))
 
 
 def _mute_native_messages() -> None:
