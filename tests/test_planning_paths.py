@@ -116,10 +116,13 @@ def test_what_no_path_met_is_allowed_for() -> None:
 
 def test_what_more_paths_will_say_is_known_before() -> None:
     """The floor stays, the rest falls with the paths: where that is too much none are traced."""
-    now, then = (made_up(0.2, 0.01, 1.0, paths) for paths in (PATHS, MORE_PATHS))
-    expected = with_more_paths(sampled_changes(now, DISPLAY, 0.0)[0], now)
-    assert expected == pytest.approx(sampled_changes(then, DISPLAY, 0.0)[0].bound)
-    assert expected < sampled_changes(now, DISPLAY, 0.0)[0].bound
+    now = made_up(0.2, 0.01, 1.0, PATHS)
+    found = sampled_changes(now, DISPLAY, 0.0)[0]
+    for count in MORE_PATHS:
+        then = made_up(0.2, 0.01, 1.0, count)
+        expected = with_more_paths(found, now, count)
+        assert expected == pytest.approx(sampled_changes(then, DISPLAY, 0.0)[0].bound)
+        assert expected < found.bound
 
 
 def test_an_unseen_event_counts_most_where_the_picture_is_dark() -> None:

@@ -33,7 +33,7 @@ from simrig.evaluation.rendering import timed
 
 ORDERS = 8  # of indirect light that are told apart; the last holds all beyond
 PATHS = 1 << 18
-MORE_PATHS = 1 << 20  # where the bound is what keeps an effect on
+MORE_PATHS = (1 << 19, 1 << 20)  # where the bound is what keeps an effect on
 _NOISE_SAMPLES = 64  # of each pixel, for the choice of samples per pixel
 _CERTAIN = 3.0  # standard errors
 _UNSEEN = 3.0  # events per n samples ("rule of three")

@@ -59,9 +59,11 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
     if proved <= tolerance.amount:
         why = "albedo and solid angle of the other bodies times the radiance that they send"
         return IndirectBounds((proved, *(change.bound for change in found[1:])), why)
-    if with_more_paths(found[0], paths) > tolerance.amount:
+    enough = (n for n in MORE_PATHS if with_more_paths(found[0], paths, n) <= tolerance.amount)
+    count = next(enough, None)
+    if count is None:
         return _from_paths(found, paths)
-    paths = subject.look_at_paths(MORE_PATHS)
+    paths = subject.look_at_paths(count)
     return _from_paths(_sampled(subject, tolerance, paths), paths)
 
 
@@ -69,9 +71,9 @@ def _undecided(found: list[SampledChange], tolerance: Tolerance) -> bool:
     return found[0].estimate <= tolerance.amount < found[0].bound
 
 
-def with_more_paths(found: SampledChange, paths: PathLook) -> float:
-    """Return what the bound is likely to be with ``MORE_PATHS``: all but the floor falls with n."""
-    return found.floor + (found.bound - found.floor) * paths.paths / MORE_PATHS
+def with_more_paths(found: SampledChange, paths: PathLook, count: int) -> float:
+    """Return what the bound is likely to be with ``count`` paths: all but the floor falls."""
+    return found.floor + (found.bound - found.floor) * paths.paths / count
 
 
 def _sampled(subject: SceneSubject, tolerance: Tolerance, paths: PathLook) -> list[SampledChange]:
