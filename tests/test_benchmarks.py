@@ -2,18 +2,24 @@
 
 import time
 
+import mitsuba as mi
+import numpy as np
 import pytest
 
+from simrig import backend
 from simrig.evaluation.benchmarks import (
     BENCHMARKS,
     btf,
+    btf_scenes,
     planned,
     plugins,
     sampling,
     storage,
     whole_array,
 )
-from simrig.evaluation.benchmarks.timing import side_by_side
+from simrig.evaluation.benchmarks.timing import one_alive, side_by_side
+from simrig.reflectance.btf_full import FullBtf
+from simrig.reflectance.btf_synthetic import bumps
 
 
 def test_every_benchmark_is_documented():
@@ -33,6 +39,22 @@ def test_first_call_and_steady_state_are_kept_apart():
     assert timing.first >= 0.05
     assert timing.fastest <= timing.median <= timing.slowest
     assert timing.kernels == (0.0, 0.0, 0.0)  # it only slept
+
+
+def test_scenes_are_loaded_one_after_the_other():
+    events = []
+
+    def maker(name):
+        def loaded():
+            events.append(f"load {name}")
+            return lambda: events.append(name)
+
+        return loaded
+
+    timings = one_alive({name: maker(name) for name in "ab"}, rounds=1, sweeps=2)
+    assert events == 2 * ["load a", "a", "a", "load b", "b", "b"]
+    assert all(t.rounds == 2 == len(t.kernels) for t in timings.values())
+    assert timings["a"].kernel == 0.0 and timings["a"].tracing == timings["a"].median
 
 
 def test_both_ways_of_sampling_choose_the_same_directions():
@@ -74,16 +96,55 @@ def test_planned_renders_are_those_written_by_hand():
     assert planned.table(results)
 
 
+BTF_OPTIONS = {
+    "resolution": 16,
+    "spp": 4,
+    "rounds": 1,
+    "sweeps": 1,
+    "texels": 4,
+    "texel_spp": 1,
+    "large": 2,
+    "tile_steps": 24,
+    "variant": "llvm_ad_rgb",
+}
+
+
 @pytest.mark.slow
-def test_btf_benchmark_renders_every_form():
-    options = {"resolution": 16, "spp": 1, "rounds": 1, "texels": 2}
-    results = btf.run(**options, variant="llvm_ad_rgb")
-    assert len(results["rows"]) == 2 * 6
-    rows = {row["material"]: row for row in results["rows"] if row["integrator"] == "direct"}
-    assert rows["factored, 20 %"]["bytes"] <= rows["factored, 5 %"]["bytes"]
-    assert rows["full"]["delta_e"] == 0.0
-    assert rows["factored, 5 %"]["delta_e"] < rows["168 images"]["delta_e"]
+def test_btf_benchmark_renders_every_form_beside_the_structure():
+    results = btf.run(**BTF_OPTIONS, scenes=("cylinder", "patch", "large"))
+    rows = {(row["scene"], row["integrator"], row["material"]): row for row in results["rows"]}
+    for name in ("cylinder", "cylinder, 2² texels"):
+        assert rows[name, "direct", "full"]["delta_e"] == 0.0
+        assert rows[name, "direct", "8 factors"]["delta_e"] < 0.5
+    few = rows["cylinder", "direct", "168 images, 8 factors"]
+    assert few["delta_e"] > rows["cylinder", "direct", "8 factors"]["delta_e"]
+    assert few["bytes"] < rows["cylinder", "direct", "full"]["bytes"]
+    # the structure's own noise is less than what a coarse BTF of it is off
+    own, full = (rows["patch", "path", name] for name in ("structure", "full"))
+    assert own["delta_e"] < full["delta_e"] < 10.0
+    assert own["ratio_to_structure"] == 1.0 and few["ratio_to_structure"] is None
+    for row in results["rows"]:
+        low, high = row["fastest_seconds"], row["slowest_seconds"]
+        assert 0.0 < low <= row["kernel_seconds"] <= high and row["first_seconds"] > 0.0
     assert btf.table(results)
+
+
+@pytest.mark.slow
+def test_the_room_of_the_btf_benchmark_has_tables_for_every_part():
+    backend.select("llvm_ad_rgb")
+    stack = bumps((4, 4))
+    full = FullBtf.from_stack(stack)
+    contest = btf_scenes.chairs({"full": full}, stack, 24, 1)
+    assert set(contest.loaders) == {"principled, bitmap", "full", "BRDF", "switched"}
+    sizes = contest.device_bytes
+    assert sizes["full"] == 14 * full.device_bytes
+    assert sizes["switched"] == sizes["full"] + sizes["BRDF"]
+    pictures = {
+        name: np.array(mi.render(contest.loaders[name](), spp=1, seed=1))
+        for name in ("full", "BRDF")
+    }
+    lit = pictures["full"].max(axis=-1) > 0.0
+    assert lit.mean() > 0.5 and np.array_equal(lit, pictures["BRDF"].max(axis=-1) > 0.0)
 
 
 @pytest.mark.slow

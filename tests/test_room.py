@@ -1,4 +1,4 @@
-"""The room of chairs: what stands where, its scale, its forms, the study and the benchmark."""
+"""The room of chairs: what stands where, its scale, its forms and the study."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 from simrig.data.btf_hdf5 import write_btf
 from simrig.errors import SimrigError
 from simrig.evaluation import stimuli_materials
-from simrig.evaluation.benchmarks import room as benchmark
 from simrig.evaluation.rendering import render
 from simrig.evaluation.room import (
     GROUP_DISTANCES_M,
@@ -171,14 +170,6 @@ def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
     assert table(found.summary)
     names = {path.name for path in found.files}
     assert {"range_map.png", "switched_difference.png", "brdf_difference.png"} <= names
-
-
-@pytest.mark.slow
-def test_the_benchmark_renders_every_form() -> None:
-    results = benchmark.run(
-        resolution=32, spp=1, rounds=1, texels=2, directions="uniform_1", variant="llvm_ad_rgb"
-    )
-    assert len(results["rows"]) == 8 and benchmark.table(results)
 
 
 @pytest.mark.parametrize(

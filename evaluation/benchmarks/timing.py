@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -33,6 +34,16 @@ class Timing:
     slowest: float
     rounds: int
     kernels: tuple[float, ...] = ()
+
+    @property
+    def kernel(self) -> float:
+        """Median of ``kernels``."""
+        return float(np.median(self.kernels))
+
+    @property
+    def tracing(self) -> float:
+        """What a later call takes beside its kernels: tracing in Python."""
+        return max(self.median - self.kernel, 0.0)
 
 
 def side_by_side(
@@ -71,6 +82,43 @@ def side_by_side(
     }
 
 
+def one_alive(
+    makers: Mapping[str, Callable[[], Callable[[], Any]]],
+    rounds: int = 3,
+    sweeps: int = 1,
+    progress: Callable[..., None] | None = None,
+) -> dict[str, Timing]:
+    """Time jobs of which each loads a scene of its own, with one scene alive at a time.
+
+    Dr.Jit traces every BSDF of the process whichever scene is rendered, so scenes that live side
+    by side hold up each other. Sweeps go through all of them in turn.
+
+    Args:
+        makers: functions that load a scene and return the job, by name.
+        rounds: calls in a sweep after the first one.
+        sweeps: how often every scene is loaded.
+        progress: called with scenes done and in total.
+    """
+    found: dict[str, list[Timing]] = {name: [] for name in makers}
+    for number in range(sweeps * len(makers)):
+        name = list(makers)[number % len(makers)]
+        if progress is not None:
+            progress(number, sweeps * len(makers), name)
+        found[name].append(side_by_side({name: makers[name]()}, rounds)[name])
+        gc.collect()
+    return {
+        name: Timing(
+            timings[0].first,
+            float(np.median([timing.median for timing in timings])),
+            min(timing.fastest for timing in timings),
+            max(timing.slowest for timing in timings),
+            rounds * sweeps,
+            sum((timing.kernels for timing in timings), ()),
+        )
+        for name, timings in found.items()
+    }
+
+
 def stage_of(
     progress: Callable[..., None] | None, number: int, count: int, label: str
 ) -> Callable[..., None] | None:
@@ -89,11 +137,12 @@ def stage_of(
 
 def text_table(title: str, columns: list[str], rows: list[list[str]]) -> Any:
     """Return a table for the terminal, the first column left-aligned."""
+    from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left")
+    table = Table(title=escape(title), title_justify="left")
     for index, column in enumerate(columns):
-        table.add_column(column, justify="left" if index == 0 else "right")
+        table.add_column(escape(column), justify="left" if index == 0 else "right")
     for row in rows:
         table.add_row(*row)
     return table

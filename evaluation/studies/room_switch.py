@@ -22,7 +22,6 @@ Source: thesis section 3.3.5, Fig. 3.18, Table 3.4.
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -33,7 +32,7 @@ import numpy as np
 from simrig import backend
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.evaluation import metrics
-from simrig.evaluation.benchmarks.timing import Timing, side_by_side
+from simrig.evaluation.benchmarks.timing import Timing, one_alive
 from simrig.evaluation.rendering import display_exposure, load
 from simrig.evaluation.room import (
     FORMS,
@@ -107,7 +106,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
             "form": form,
             "first_seconds": timings[form].first,
             "picture_seconds": timings[form].median,
-            "kernel_seconds": float(np.median(timings[form].kernels)),
+            "kernel_seconds": timings[form].kernel,
             "fastest_kernel_seconds": min(timings[form].kernels),
             "slowest_kernel_seconds": max(timings[form].kernels),
             "far_share": {"btf": 0.0, "brdf": 1.0, "switched": share}[form],
@@ -189,18 +188,19 @@ def _renders(scene: Room, rounds: int) -> tuple[dict[str, np.ndarray], dict[str,
     """Return the pictures of all forms, of the same samples, and what they took."""
     pictures: dict[str, Any] = {}
 
-    def job(form: str, loaded: Any) -> Callable[[], None]:
-        def once() -> None:
-            pictures[form] = mi.render(loaded, spp=scene.spp, seed=mi.UInt32(1))
-            dr.eval(pictures[form])
+    def maker(form: str) -> Callable[[], Callable[[], None]]:
+        def loaded() -> Callable[[], None]:
+            described = load(scene.scene(form))
 
-        return once
+            def once() -> None:
+                pictures[form] = mi.render(described, spp=scene.spp, seed=mi.UInt32(1))
+                dr.eval(pictures[form])
 
-    timings: dict[str, Timing] = {}
-    for form in FORMS:
-        # one scene at a time: Dr.Jit traces every BSDF that lives, whichever scene it is of
-        timings |= side_by_side({form: job(form, load(scene.scene(form)))}, rounds)
-        gc.collect()
+            return once
+
+        return loaded
+
+    timings = one_alive({form: maker(form) for form in FORMS}, rounds)
     return {form: np.array(picture)[..., :3] for form, picture in pictures.items()}, timings
 
 
