@@ -5,8 +5,8 @@ import pytest
 
 from simrig import backend
 from simrig.arrays import vector_type
-from simrig.evaluation.stability_highlights import highlight_rows
-from simrig.evaluation.stability_methods import signals
+from simrig.evaluation.stability.highlights import highlight_rows
+from simrig.evaluation.stability.methods import signals
 from simrig.reconstruction.highlights import (
     HighlightSubspace,
     reconstruct_subspace_along_highlights,

@@ -16,9 +16,10 @@ from simrig.evaluation.hard_cases import (
     hard_case,
     hard_cases,
 )
-from simrig.evaluation.stability import PRECISIONS, stability_table
-from simrig.evaluation.stability_rows import stability_data, stability_markdown, stability_summary
-from simrig.evaluation.stability_subjects import default_reflectances
+from simrig.evaluation.stability.judgement import PRECISIONS
+from simrig.evaluation.stability.rows import stability_data, stability_markdown, stability_summary
+from simrig.evaluation.stability.subjects import default_reflectances
+from simrig.evaluation.stability.suite import stability_table
 from simrig.reflectance import Lambert, Ward, kurt_material
 
 

@@ -12,19 +12,12 @@ from hypothesis import strategies as st
 
 from simrig.directions.schemes import uniform_scheme
 from simrig.errors import SimrigError
-from simrig.evaluation import (
-    stability_gantry,
-    stability_methods,
-    stability_plugins,
-    stability_splines,
-    stability_uniform,
-)
 from simrig.evaluation.hard_cases import HardCase, hard_case, hard_cases
-from simrig.evaluation.stability import stability_suite, stability_table
-from simrig.evaluation.stability_fuzz import FUZZ_PAIRS, fuzz_cases, unit
-from simrig.evaluation.stability_gantry import gantry_rows
-from simrig.evaluation.stability_highlights import highlight_rows
-from simrig.evaluation.stability_methods import (
+from simrig.evaluation.stability import gantry, methods, plugins, splines, uniform
+from simrig.evaluation.stability.fuzz import FUZZ_PAIRS, fuzz_cases, unit
+from simrig.evaluation.stability.gantry import gantry_rows
+from simrig.evaluation.stability.highlights import highlight_rows
+from simrig.evaluation.stability.methods import (
     adaptive_rows,
     along_slice_rows,
     method_jobs,
@@ -32,11 +25,12 @@ from simrig.evaluation.stability_methods import (
     reconstruction_rows,
     signals,
 )
-from simrig.evaluation.stability_plugins import plugin_rows
-from simrig.evaluation.stability_rows import stability_markdown
-from simrig.evaluation.stability_scattered import barycentric_rows, scattered_rows, solve_extended
-from simrig.evaluation.stability_subjects import small_slices
-from simrig.evaluation.stability_uniform import hard_samples, rbf_rows, uniform_rows
+from simrig.evaluation.stability.plugins import plugin_rows
+from simrig.evaluation.stability.rows import stability_markdown
+from simrig.evaluation.stability.scattered import barycentric_rows, scattered_rows, solve_extended
+from simrig.evaluation.stability.subjects import small_slices
+from simrig.evaluation.stability.suite import stability_suite, stability_table
+from simrig.evaluation.stability.uniform import hard_samples, rbf_rows, uniform_rows
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.along_slices import INTERPOLATIONS, SliceInterpolator
 from simrig.reconstruction.by_name import reconstruct_by_name
@@ -91,7 +85,7 @@ def test_a_flawed_interpolation_is_flagged(monkeypatch):
         def __call__(self, slice_index, position):
             return 1.0001 * super().__call__(slice_index, position)
 
-    monkeypatch.setattr(stability_splines, "SliceInterpolator", Flawed)
+    monkeypatch.setattr(splines, "SliceInterpolator", Flawed)
     rows = [row for row in along_slice_rows("linear") if row.case == "constant"]
     assert len(rows) == 2 and not any(row.explained for row in rows)
 
@@ -162,7 +156,7 @@ def test_every_method_has_a_job():
 
 def test_axial_and_diagonal_slices_of_a_spike_are_clean(monkeypatch):
     spike = {"spike": signals()["spike"]}
-    monkeypatch.setattr(stability_methods, "signals", lambda: spike)
+    monkeypatch.setattr(methods, "signals", lambda: spike)
     cases = [hard_case("pole-one", 16), hard_case("azimuth-wrap", 16)]
     rows = reconstruction_rows("cubic", cases, "llvm", slice_types="axial_diagonal")
     assert len(rows) == 2 and all(row.explained for row in rows)
@@ -173,7 +167,7 @@ def test_axial_and_diagonal_slices_of_a_spike_are_clean(monkeypatch):
     [("barycentric", uniform_scheme(3)), ("regular_grid", UniformPlan(4, 9, 1.4).scheme())],
 )
 def test_hard_lists_of_samples_give_the_table_of_the_easy_one(method, plan):
-    rows = {row.case: row for row in stability_uniform.list_rows(method, plan)}
+    rows = {row.case: row for row in uniform.list_rows(method, plan)}
     assert all(row.explained for row in rows.values()), rows
     assert rows["one sample"].explanation.startswith("refused: ")
     assert not any(
@@ -190,14 +184,14 @@ def test_a_method_that_drops_duplicates_is_flagged(monkeypatch):
             replace(measurement, angles=measurement.angles[kept], values=measurement.values[kept]),
         )
 
-    monkeypatch.setattr(stability_uniform, "reconstruct_by_name", first_only)
-    rows = stability_uniform.list_rows("barycentric", uniform_scheme(1))
+    monkeypatch.setattr(uniform, "reconstruct_by_name", first_only)
+    rows = uniform.list_rows("barycentric", uniform_scheme(1))
     assert [row.case for row in rows if not row.explained] == ["duplicates with other values"]
 
 
 def test_a_nearly_singular_spline_is_smoothed_and_says_so(monkeypatch):
     cases = [case for case in hard_samples() if case[0] == "five in a row, hardly apart"]
-    monkeypatch.setattr(stability_uniform, "hard_samples", lambda: iter(cases))
+    monkeypatch.setattr(uniform, "hard_samples", lambda: iter(cases))
     rows = rbf_rows()
     assert len(rows) == 4 and all(row.explained for row in rows)
     for row in rows:
@@ -211,7 +205,7 @@ def test_a_planted_flaw_of_a_spline_is_found(monkeypatch):
         ThinPlateSpline, "__call__", lambda self, *args: 1.0001 * right(self, *args)
     )
     cases = list(hard_samples())[:2]
-    monkeypatch.setattr(stability_uniform, "hard_samples", lambda: iter(cases))
+    monkeypatch.setattr(uniform, "hard_samples", lambda: iter(cases))
     flawed = [row for row in rbf_rows() if row.object == "RBF, global" and not row.explained]
     assert flawed
 
@@ -251,7 +245,7 @@ def test_flawed_plugins_are_flagged(variant_llvm, monkeypatch, part, flaw, colum
 def test_samples_are_compared_where_they_were_drawn(variant_llvm):
     bsdf = make_bsdf(Ward(m_x=0.1, m_y=0.1))
     case = hard_case("random")
-    (drawn,), weights = stability_plugins._draw(bsdf, [case])
+    (drawn,), weights = plugins._draw(bsdf, [case])
     assert np.array_equal(drawn.wv, case.wv) and weights.shape == (len(case.wv), 3)
     below = drawn.wi[:, 2] < 0.0
     assert not weights[below].any() and np.all(weights[~below] > 0.0)
@@ -334,19 +328,15 @@ def test_no_material_breaks_on_any_directions(pairs, m_x, m_y, size, variant, al
 
 @pytest.mark.slow
 def test_gantry_rows_are_clean_and_planted_flaws_are_found(monkeypatch):
-    rows = stability_gantry.gantry_rows()
+    rows = gantry.gantry_rows()
     flagged = [row for row in rows if not row.explained or row.non_finite or row.negative]
     assert not flagged, stability_markdown(flagged, every_case=True)
     objects = {row.object for row in rows}
     assert {"gantry, A", "gantry, B", "gantry, BD"} < objects
     assert {"Lafortune fit", "optimal transport"} < objects
     assert all(row.condition for row in rows if row.object == "gantry, A")
-    small = stability_gantry.linear
-    monkeypatch.setattr(
-        stability_gantry, "linear", lambda ends, w, axis: small(ends, w, axis) + 1e-6
-    )
-    plan = stability_gantry.GantryPlan()
-    flat = stability_gantry._scaled(
-        "planted", "flat", plan, stability_gantry.linear, lambda a: np.full(len(a), 1e-9)
-    )
+    small = gantry.linear
+    monkeypatch.setattr(gantry, "linear", lambda ends, w, axis: small(ends, w, axis) + 1e-6)
+    plan = gantry.GantryPlan()
+    flat = gantry._scaled("planted", "flat", plan, gantry.linear, lambda a: np.full(len(a), 1e-9))
     assert not flat.explained

@@ -8,8 +8,8 @@ import numpy as np
 
 from simrig.directions import to_vector
 from simrig.errors import SimrigError
-from simrig.evaluation.stability_methods import method_row, refused_row
-from simrig.evaluation.stability_rows import StabilityRow
+from simrig.evaluation.stability.methods import method_row, refused_row
+from simrig.evaluation.stability.rows import StabilityRow
 from simrig.reflectance.scattered import (
     IsotropicInterpolator,
     ScatteredSamples,

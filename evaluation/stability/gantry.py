@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from simrig.cost import Cost
-from simrig.evaluation.stability_methods import method_row, signals
-from simrig.evaluation.stability_rows import StabilityRow
-from simrig.evaluation.stability_uniform import rbf_row
+from simrig.evaluation.stability.methods import method_row, signals
+from simrig.evaluation.stability.rows import StabilityRow
+from simrig.evaluation.stability.uniform import rbf_row
 from simrig.reconstruction.gantry import SubspaceNodes
 from simrig.reconstruction.gantry_elevations import Blend, fill_elevations, linear
 from simrig.reconstruction.gantry_subspace import subspaces

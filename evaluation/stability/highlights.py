@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from simrig import backend
-from simrig.evaluation.stability_rows import StabilityRow
-from simrig.evaluation.stability_subjects import FAINT
+from simrig.evaluation.stability.rows import StabilityRow
+from simrig.evaluation.stability.subjects import FAINT
 from simrig.reconstruction.highlights import (
     HighlightSubspace,
     reconstruct_subspace_along_highlights,
@@ -42,7 +42,7 @@ def highlight_rows(signals: Mapping[str, Signal], backend_name: str) -> list[Sta
         signals: angles (m, 4) to one value each, (m,).
         backend_name: ``"llvm"`` or ``"cuda"``.
     """
-    from simrig.evaluation.stability_methods import method_row
+    from simrig.evaluation.stability.methods import method_row
 
     rows = []
     for name, signal in signals.items():

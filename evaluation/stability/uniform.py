@@ -17,10 +17,10 @@ from simrig.directions import to_vector
 from simrig.directions.schemes import HemisphereScheme, uniform_scheme
 from simrig.errors import SimrigError
 from simrig.evaluation.hard_cases import HardCase
-from simrig.evaluation.stability import direction_rows
-from simrig.evaluation.stability_methods import method_row, refused_row, signals
-from simrig.evaluation.stability_rows import StabilityRow
-from simrig.evaluation.stability_subjects import FAINT, ReflectanceSubject
+from simrig.evaluation.stability.judgement import direction_rows
+from simrig.evaluation.stability.methods import method_row, refused_row, signals
+from simrig.evaluation.stability.rows import StabilityRow
+from simrig.evaluation.stability.subjects import FAINT, ReflectanceSubject
 from simrig.reconstruction.by_name import reconstruct_by_name
 from simrig.reconstruction.rbf import reconstruct_rbf
 from simrig.reflectance import Reflectance, evaluate

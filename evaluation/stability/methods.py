@@ -17,10 +17,10 @@ import numpy as np
 
 from simrig.errors import SimrigError
 from simrig.evaluation.hard_cases import HardCase
-from simrig.evaluation.stability import AMPLIFICATION, ROUNDINGS, direction_rows, explain
-from simrig.evaluation.stability_rows import StabilityRow
-from simrig.evaluation.stability_splines import slice_errors, slice_plans
-from simrig.evaluation.stability_subjects import FAINT, ReflectanceSubject
+from simrig.evaluation.stability.judgement import AMPLIFICATION, ROUNDINGS, direction_rows, explain
+from simrig.evaluation.stability.rows import StabilityRow
+from simrig.evaluation.stability.splines import slice_errors, slice_plans
+from simrig.evaluation.stability.subjects import FAINT, ReflectanceSubject
 from simrig.reconstruction.along_slices import INTERPOLATIONS
 from simrig.reconstruction.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices import reconstruct
@@ -41,10 +41,10 @@ def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
         cases: hard cases of directions, where reconstructions are evaluated.
         backend_name: ``"llvm"`` or ``"cuda"``.
     """
-    from simrig.evaluation.stability_gantry import gantry_rows
-    from simrig.evaluation.stability_highlights import highlight_rows
-    from simrig.evaluation.stability_scattered import barycentric_rows, scattered_rows
-    from simrig.evaluation.stability_uniform import rbf_rows, uniform_rows
+    from simrig.evaluation.stability.gantry import gantry_rows
+    from simrig.evaluation.stability.highlights import highlight_rows
+    from simrig.evaluation.stability.scattered import barycentric_rows, scattered_rows
+    from simrig.evaluation.stability.uniform import rbf_rows, uniform_rows
 
     few = [replace(case, wi=case.wi[::8], wv=case.wv[::8]) for case in cases]
     return [

@@ -1,0 +1,97 @@
+"""Numerical stability: everything that computes over every hard case, in every precision.
+
+Reflectances and parameterisations are computed in NumPy float64, Dr.Jit float64 and Dr.Jit
+float32, plugins through Mitsuba in float32, methods in the precisions that they have. Each is
+compared with a reference in extended precision **at the same rounded input**, so that the error
+is that of the arithmetic alone. What the rounding of the input itself costs is listed beside it.
+
+``simrig.evaluation.stability.judgement`` says which errors are explained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+from simrig import backend
+from simrig.errors import unknown_name
+from simrig.evaluation.hard_cases import HardCase, hard_cases
+from simrig.evaluation.stability.fuzz import fuzz_cases
+from simrig.evaluation.stability.judgement import PRECISIONS, direction_rows
+from simrig.evaluation.stability.methods import method_jobs
+from simrig.evaluation.stability.plugins import plugin_jobs
+from simrig.evaluation.stability.rows import StabilityRow
+from simrig.evaluation.stability.subjects import (
+    ReflectanceSubject,
+    Subject,
+    default_parameterisations,
+    default_reflectances,
+)
+from simrig.reflectance import Reflectance
+
+Progress = Callable[[int, int], None]  # objects done, objects in total
+
+
+def stability_suite(
+    backend_name: str = "auto",
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> list[StabilityRow]:
+    """Return the whole table: parameterisations, reflectances, plugins and methods.
+
+    Args:
+        backend_name: ``"auto"`` (CUDA where a usable GPU is, else LLVM), ``"llvm"`` or ``"cuda"``.
+        progress: called with the number of objects done and in total.
+        seed: of the random directions.
+
+    Raises:
+        SimrigError: unknown backend, or one that this machine cannot run.
+    """
+    variant = backend.resolve("auto" if backend_name == "auto" else f"{backend_name}_ad_rgb")
+    backend_name = variant.partition("_")[0]
+    cases = [*hard_cases(seed=seed), *fuzz_cases(seed=seed)]
+    reflectances = default_reflectances()
+    subjects = [*default_parameterisations(), *map(ReflectanceSubject, reflectances)]
+    jobs = [
+        *(lambda s=s: direction_rows(s, cases, PRECISIONS, backend_name) for s in subjects),
+        *plugin_jobs(reflectances, cases, variant),
+        *method_jobs(cases, backend_name),
+    ]
+    rows: list[StabilityRow] = []
+    for done, job in enumerate(jobs):
+        if progress is not None:
+            progress(done, len(jobs))
+        rows += job()
+    if progress is not None:
+        progress(len(jobs), len(jobs))
+    return rows
+
+
+def stability_table(
+    reflectances: Iterable[Reflectance] | None = None,
+    parameterisations: Iterable[Subject] | None = None,
+    cases: Sequence[HardCase] | None = None,
+    precisions: Sequence[str] = PRECISIONS,
+    backend_name: str = "auto",
+) -> list[StabilityRow]:
+    """Return one row per reflectance or parameterisation, hard case and precision.
+
+    Args:
+        reflectances: by default those of ``default_reflectances()``.
+        parameterisations: by default those of ``default_parameterisations()``.
+        cases: by default ``hard_cases()``.
+        precisions: a selection of ``PRECISIONS``.
+        backend_name: ``"auto"``, ``"llvm"`` or ``"cuda"``, for the Dr.Jit precisions.
+
+    Raises:
+        SimrigError: unknown precision, or no usable LLVM or CUDA for a Dr.Jit precision.
+    """
+    for precision in precisions:
+        if precision not in PRECISIONS:
+            raise unknown_name("precision", precision, PRECISIONS)
+    if reflectances is None:
+        reflectances = default_reflectances()
+    if parameterisations is None:
+        parameterisations = default_parameterisations()
+    cases = hard_cases() if cases is None else cases
+    subjects = [*parameterisations, *map(ReflectanceSubject, reflectances)]
+    return [row for s in subjects for row in direction_rows(s, cases, precisions, backend_name)]
