@@ -141,7 +141,7 @@ def test_negative_noise_can_be_clamped(tmp_path):
     flat = np.fromfile(path, dtype="<f8")
     flat[-1] = -1e-3
     flat.tofile(path)
-    with pytest.raises(SimrigError, match="clamp_negative=True"):
+    with pytest.raises(SimrigError, match="--clamp-negative', or clamp_negative=True"):
         load_material(path)
     assert load_material(path, clamp_negative=True).values.min() == 0.0
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from simrig.data.files import existing_file
 from simrig.errors import SimrigError, unknown_name
+from simrig.reflectance.checks import CLAMP
 from simrig.reflectance.scattered import ScatteredSamples
 
 _LARGEST_FILE = 1 << 28
@@ -53,8 +54,7 @@ def read_alta(path: str | Path, clamp_negative: bool = False) -> ScatteredSample
     negative = int((table[:, inputs:] < 0.0).sum())
     if negative and not clamp_negative:
         raise SimrigError(
-            f"'{path}' has {negative} negative of {table[:, inputs:].size} values: pass "
-            "clamp_negative=True to set them to 0"
+            f"'{path}' has {negative} negative of {table[:, inputs:].size} values{CLAMP}"
         )
     angles = _angles(parameterisation, table[:, :inputs])
     isotropic = parameterisation.startswith("ISOTROPIC")

@@ -16,7 +16,7 @@ import numpy as np
 from simrig.data.files import existing_file
 from simrig.directions.spherical import to_vector
 from simrig.errors import SimrigError
-from simrig.reflectance.checks import check_values, without_negative
+from simrig.reflectance.checks import CLAMP, check_values, without_negative
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.scattered import barycentric_weights
 
@@ -49,7 +49,7 @@ def read_ubo(path: str | Path, clamp_negative: bool = False) -> tuple[np.ndarray
     if theta.min() < 0.0 or theta.max() >= np.pi / 2:
         raise SimrigError(f"'{path}' has elevations outside 0° to 90° (radians are expected)")
     values = without_negative(values, clamp_negative)
-    check_values(values, f"'{path}'")
+    check_values(values, f"'{path}'", CLAMP)
     return to_vector(theta, phi), values.transpose(1, 0, 2)
 
 

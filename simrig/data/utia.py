@@ -21,7 +21,7 @@ import numpy as np
 
 from simrig.data.files import atomic_write, existing_file
 from simrig.errors import SimrigError, unknown_name
-from simrig.reflectance.checks import check_values, without_negative
+from simrig.reflectance.checks import CLAMP, check_values, without_negative
 from simrig.reflectance.dense import DenseTable
 
 ENCODINGS = ("linear", "srgb")
@@ -147,7 +147,7 @@ def _table(
     if encoding not in ENCODINGS:
         raise unknown_name("UTIA encoding", encoding, ENCODINGS)
     matrix = without_negative(matrix, clamp_negative)
-    check_values(matrix, f"'{path}'")
+    check_values(matrix, f"'{path}'", CLAMP)
     if encoding == "srgb":
         from simrig.data.images import decode_srgb
 

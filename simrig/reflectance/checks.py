@@ -6,9 +6,16 @@ import numpy as np
 
 from simrig.errors import SimrigError
 
+CLAMP = "; 'simrig convert --clamp-negative', or clamp_negative=True, sets them to 0"
 
-def check_values(values: np.ndarray, what: str) -> None:
+
+def check_values(values: np.ndarray, what: str, cure: str = "") -> None:
     """Refuse values that are not finite or negative; looks without temporary copies.
+
+    Args:
+        values: of any shape.
+        what: holds them, for the message.
+        cure: of negative ones, appended to the message: ``CLAMP`` where readers take that option.
 
     Raises:
         SimrigError: says how many values are NaN, infinite or negative.
@@ -27,7 +34,7 @@ def check_values(values: np.ndarray, what: str) -> None:
     negative = int((values < 0.0).sum())
     raise SimrigError(
         f"{what} has {negative} negative of {values.size} values (smallest {float(low):.3g}): "
-        "reflectance cannot be negative; pass clamp_negative=True to set them to 0"
+        f"reflectance cannot be negative{cure}"
     )
 
 
