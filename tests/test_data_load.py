@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from simrig.data import hdf5, load
+from simrig.data.btf_hdf5 import write_btf
 from simrig.data.load import FORMATS, MATERIALS, file_format, load_material, save_material
 from simrig.data.rgl_writer import RglResolution
 from simrig.data.utia import UtiaLayout
 from simrig.errors import SimrigError
 from simrig.reflectance import Kurt, Lambert, Ward, kurt_material
+from simrig.reflectance.btf_synthetic import bumps
 from simrig.reflectance.dense import DenseTable
 from simrig.reflectance.isotropic import IsotropicTable
 from simrig.reflectance.rgl import RglReflectance
@@ -27,6 +29,12 @@ def test_every_built_in_name_loads():
 def test_unknown_names_suggest(name):
     with pytest.raises(SimrigError, match="unknown material"):
         load_material(name)
+
+
+def test_a_btf_is_refused_with_what_makes_a_material_of_it(tmp_path):
+    path = write_btf(tmp_path / "bumps.h5", bumps((1, 1), (1.0, 1.0), "uniform_1"))
+    with pytest.raises(SimrigError, match="average it first .simrig btf average"):
+        load_material(path)
 
 
 def test_missing_files_are_not_names(tmp_path):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from simrig.data import alta, cornell, hdf5, merl, rgl, rgl_writer, tensor_file, ubo, utia
+from simrig.data.btf_hdf5 import CONTENT as BTF
 from simrig.data.files import existing_file
 from simrig.errors import SimrigError, unknown_name
 from simrig.reflectance import (
@@ -250,6 +251,11 @@ def _read_hdf5(path: Path, _: bool) -> Reflectance:
     if "measurement" in content:
         raise SimrigError(
             f"'{path}' is a measurement, not a material: reconstruct it first (simrig reconstruct)"
+        )
+    if content == BTF:
+        raise SimrigError(
+            f"'{path}' is a BTF, not a BRDF: average it first (simrig btf average), or render it in "
+            "a scene with simrig_btf"
         )
     return hdf5.read_reflectance(path)
 
