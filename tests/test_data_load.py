@@ -33,7 +33,7 @@ def test_unknown_names_suggest(name):
 
 def test_a_btf_is_refused_with_what_makes_a_material_of_it(tmp_path):
     path = write_btf(tmp_path / "bumps.h5", bumps((1, 1), (1.0, 1.0), "uniform_1"))
-    with pytest.raises(SimrigError, match="average it first .simrig btf average"):
+    with pytest.raises(SimrigError, match=r"average it first .simrig btf average"):
         load_material(path)
 
 

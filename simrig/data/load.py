@@ -254,8 +254,8 @@ def _read_hdf5(path: Path, _: bool) -> Reflectance:
         )
     if content == BTF:
         raise SimrigError(
-            f"'{path}' is a BTF, not a BRDF: average it first (simrig btf average), or render it in "
-            "a scene with simrig_btf"
+            f"'{path}' is a BTF, not a BRDF: average it first (simrig btf average), or render "
+            "it in a scene with simrig_btf"
         )
     return hdf5.read_reflectance(path)
 
