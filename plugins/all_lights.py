@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from simrig.errors import SimrigError
+from simrig.plugins.variants import check_vectorised
 
 _COLUMNS = 6  # of a row of ``lights``: direction and irradiance
 
@@ -39,11 +40,7 @@ def define_all_lights() -> type:
         """
 
         def __init__(self, props: Any):
-            if not dr.is_jit_v(mi.Float):
-                raise SimrigError(
-                    f"'simrig_all_lights' cannot run in the variant '{mi.variant()}': "
-                    "choose an llvm or cuda variant, or the integrator 'direct'"
-                )
+            check_vectorised("simrig_all_lights")
             super().__init__(props)
             self.shadows = props.get("shadows", True)
             self.hidden = props.get("hide_emitters", True)

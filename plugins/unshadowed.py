@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from simrig.errors import SimrigError
+from simrig.plugins.variants import check_vectorised
 
 
 def define_unshadowed() -> type:
@@ -32,11 +32,7 @@ def define_unshadowed() -> type:
         """
 
         def __init__(self, props: Any):
-            if not dr.is_jit_v(mi.Float):
-                raise SimrigError(
-                    f"'simrig_unshadowed' cannot run in the variant '{mi.variant()}': "
-                    "choose an llvm or cuda variant, or the integrator 'direct'"
-                )
+            check_vectorised("simrig_unshadowed")
             super().__init__(props)
             self.bsdf_sampling = props.get("bsdf_sampling", True)
             self.hidden = props.get("hide_emitters", False)

@@ -130,7 +130,9 @@ def reconstruct_along_highlights(
     name = (
         f"{measurement.material} from {len(measurement.samples.values)} samples, along highlights"
     )
-    return HighlightSlices(known.layout, **{"horizontal": None, **tables}, name=name, offset=offset)
+    horizontal = tables.get("horizontal")
+    axes = tables["corners"], tables["axial"], tables["diagonal"]
+    return HighlightSlices(known.layout, *axes, horizontal, name, offset)
 
 
 def _compressed_samples(samples: AdaptiveSamples, offset: np.ndarray) -> AdaptiveSamples:

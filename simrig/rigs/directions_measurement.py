@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from simrig.cost import Cost
 from simrig.data import hdf5
 from simrig.errors import SimrigError
+from simrig.rigs.stored import StoredSamples, read_samples, write_samples
 
 CONTENT = "measurement of directions"
 
@@ -80,10 +80,7 @@ class DirectionsMeasurement:
             SimrigError: when the folder does not exist or cannot be written.
         """
         with hdf5.create(path, CONTENT, self.provenance) as file:
-            file.attrs["material"] = self.material
-            file.attrs["cost"] = json.dumps(self.cost.as_dict())
-            hdf5.write_array(file, "angles", self.angles, "radian")
-            hdf5.write_array(file, "values", self.values, "1/sr")
+            write_samples(file, StoredSamples(self.angles, self.values, self.material, self.cost))
 
     @classmethod
     def load(cls, path: str | Path) -> DirectionsMeasurement:
@@ -93,14 +90,8 @@ class DirectionsMeasurement:
             SimrigError: not such a measurement, of a later version, truncated, or inconsistent.
         """
         with hdf5.open_checked(path, CONTENT) as file:
-            angles = hdf5.read_array(file, "angles", (None, 4))
-            values = hdf5.read_array(file, "values", (None, 3))
-            try:
-                cost = Cost(**json.loads(file.attrs["cost"]))
-            except (json.JSONDecodeError, TypeError) as error:
-                raise SimrigError(f"'{path}' is damaged: its cost is malformed") from error
-            material, provenance = str(file.attrs["material"]), hdf5.provenance_of(file)
+            samples, provenance = read_samples(file), hdf5.provenance_of(file)
         try:
-            return cls(angles, values, material, cost, provenance)
+            return cls(*samples, provenance)
         except SimrigError as error:
             raise SimrigError(f"'{path}' is damaged: {error}") from error

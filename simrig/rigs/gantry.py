@@ -22,6 +22,7 @@ from simrig.errors import SimrigError
 from simrig.reflectance.protocol import Reflectance
 from simrig.rigs.gonioreflectometer import REACH_TOLERANCE, Gonioreflectometer
 from simrig.rigs.measurement import fingerprint
+from simrig.rigs.stored import StoredSamples, read_samples, write_samples
 from simrig.rigs.timing import GANTRY_TIMING, GantryTiming
 from simrig.sampling.gantry import GantryPlan
 
@@ -53,11 +54,9 @@ class GantryMeasurement:
             SimrigError: when the folder does not exist or cannot be written.
         """
         with hdf5.create(path, CONTENT, self.provenance) as file:
-            file.attrs["material"] = self.material
             file.attrs["plan"] = json.dumps(asdict(self.plan))
-            file.attrs["cost"] = json.dumps(self.cost.as_dict())
-            hdf5.write_array(file, "angles", self.plan.angles(), "radian")
-            hdf5.write_array(file, "values", self.values, "1/sr")
+            taken = StoredSamples(self.plan.angles(), self.values, self.material, self.cost)
+            write_samples(file, taken)
 
     @classmethod
     def load(cls, path: str | Path) -> GantryMeasurement:
@@ -70,12 +69,9 @@ class GantryMeasurement:
             try:
                 settings = json.loads(file.attrs["plan"])
                 plan = GantryPlan(**settings | {"elevations": tuple(settings["elevations"])})
-                cost = Cost(**json.loads(file.attrs["cost"]))
             except (json.JSONDecodeError, TypeError, KeyError) as error:
-                raise SimrigError(f"'{path}' is damaged: its plan or cost is malformed") from error
-            angles = hdf5.read_array(file, "angles", (plan.samples, 4))
-            values = hdf5.read_array(file, "values", (plan.samples, 3))
-            material = str(file.attrs["material"])
+                raise SimrigError(f"'{path}' is damaged: its plan is malformed") from error
+            angles, values, material, cost = read_samples(file, plan.samples)
             provenance = hdf5.provenance_of(file)
         if not np.allclose(angles, plan.angles(), atol=1e-9):
             raise SimrigError(f"'{path}' is damaged: its directions are not those of its plan")

@@ -15,6 +15,7 @@ from simrig.cost import Cost
 from simrig.data import hdf5
 from simrig.errors import SimrigError
 from simrig.reflectance.protocol import Reflectance
+from simrig.rigs.stored import StoredSamples, read_samples, write_samples
 from simrig.sampling.adaptive import AdaptiveSamples, Knots
 from simrig.sampling.placement import SlicePlacement
 from simrig.sampling.slices import SLICE_TYPES, build_slices
@@ -76,10 +77,9 @@ class Measurement:
         knots = self.samples.knots
         with hdf5.create(path, _MEASUREMENT, self.provenance) as file:
             placement = _placement_attributes(self.placement, self.slice_types)
-            file.attrs.update(placement | {"material": self.material})
-            file.attrs["cost"] = json.dumps(self.cost.as_dict())
-            hdf5.write_array(file, "angles", self.samples.angles, "radian")
-            hdf5.write_array(file, "values", self.samples.values, "1/sr")
+            file.attrs.update(placement)
+            angles, values = self.samples.angles, self.samples.values
+            write_samples(file, StoredSamples(angles, values, self.material, self.cost))
             hdf5.write_array(file, "knot_first", knots.first)
             hdf5.write_array(file, "knot_position", knots.position, "radian")
             hdf5.write_array(file, "knot_sample", knots.sample)
@@ -102,17 +102,12 @@ class Measurement:
                 position=hdf5.read_array(file, "knot_position", (None,)),
                 sample=hdf5.read_array(file, "knot_sample", (None,)),
             )
-            angles = hdf5.read_array(file, "angles", (None, 4))
-            values = hdf5.read_array(file, "values", (None, 3))
-            try:
-                cost = Cost(**json.loads(file.attrs["cost"]))
-            except (json.JSONDecodeError, TypeError) as error:
-                raise SimrigError(f"'{path}' is damaged: its cost is malformed") from error
+            angles, values, material, cost = read_samples(file)
             measurement = cls(
                 AdaptiveSamples(angles, values, knots),
                 placement,
                 slice_types,
-                str(file.attrs["material"]),
+                material,
                 cost,
                 hdf5.provenance_of(file),
             )
