@@ -128,8 +128,9 @@ class Pyramid:
         xp = namespace(footprint.width)
         width = xp.maximum(footprint.width, _SMALLEST * self.texel_mm)
         length = xp.sqrt(footprint.major_x**2 + footprint.major_y**2)
-        count = _limited(xp.floor(length / width + 0.999), 1.0, float(self.probes))
-        # more probes than allowed would be needed: a wider footprint blurs, but does not alias
+        # rounded: nearly round footprints need one
+        count = _limited(xp.floor(length / width + 0.5), 1.0, float(self.probes))
+        # where that is fewer than the footprint is long, a wider one blurs, but does not alias
         width = xp.maximum(width, length / count)
         level = xp.log(width / self.texel_mm) * _PER_OCTAVE
         level = _limited(level, 0.0, len(self.shapes) - 1.0)
