@@ -16,7 +16,14 @@ from rich.table import Table
 
 from simrig.data.files import atomic_write
 from simrig.evaluation.convergence_results import Convergence, Point
-from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, pareto_front
+from simrig.evaluation.plots import (
+    COLOURS,
+    MARKERS,
+    finish_figure,
+    new_figure,
+    pareto_front,
+    plain_ticks,
+)
 
 _NO_RATES = "too few numbers of samples to fit how fast the noise falls: raise --budget-seconds"
 _LABELS = {"dE": "mean ΔE", "psnr": "displayed RMS [steps of 255]", "relative": "relative error"}
@@ -110,7 +117,7 @@ def convergence_plot(result: Convergence, path: str | Path | None = None) -> byt
     tolerance and the reference's standard error.
 
     Args:
-        result: of ``converge``.
+        result: of ``converge``, with at least one setting.
         path: where to write the PNG as well.
 
     Returns:
@@ -124,6 +131,8 @@ def convergence_plot(result: Convergence, path: str | Path | None = None) -> byt
     _panel(right, result, [p for p in result.points if p.integrator == best.integrator], "sampler")
     left.set_title(f"integrators ({sampler})")
     right.set_title(f"samplers ({best.integrator})")
+    for panel in (left, right):
+        plain_ticks(panel.xaxis)
     left.set_ylabel(f"{_LABELS[result.tolerance.metric]}  (lower is better)")
     return finish_figure(figure, path)
 

@@ -130,6 +130,7 @@ def test_nothing_is_named_when_nothing_is_good_or_known_well_enough() -> None:
     assert "raise --budget-seconds" in convergence_tables(doubtful)[-1]
 
 
+@pytest.mark.usefixtures("variant_llvm")
 def test_no_time_leaves_out_settings_and_says_so() -> None:
     result = converge(
         sphere(GREY, resolution=16),
@@ -311,6 +312,15 @@ def test_an_interrupted_convergence_goes_on(
 def test_a_ledger_that_cannot_be_read_is_empty(tmp_path: Path) -> None:
     (tmp_path / ".convergence-parts.json").write_text("{")
     assert Ledger.kept_in(tmp_path).reference is None
+
+
+@pytest.mark.usefixtures("in_empty_folder")
+def test_a_budget_that_the_reference_takes_leaves_a_folder_without_settings(tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(SCENE_FILE)
+    data = done("converge", "scene.xml", "--budget-seconds", "1e-9", "--output", "out")
+    assert data["rows"] == [] and data["cheapest"] is None and data["left_out"] > 0
+    kept = json.loads((tmp_path / "out" / "convergence.json").read_text())
+    assert kept["reference"] == data["reference"]
 
 
 @pytest.mark.usefixtures("in_empty_folder")

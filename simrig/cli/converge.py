@@ -105,5 +105,6 @@ def _write(folder: Path, result: Any, data: dict[str, Any]) -> None:
     from simrig.evaluation.convergence_report import convergence_csv, convergence_plot
 
     convergence_csv(result, folder / "convergence.csv")
-    convergence_plot(result, folder / "convergence.png")
+    if result.points:  # the reference may have taken all of the time
+        convergence_plot(result, folder / "convergence.png")
     (folder / "convergence.json").write_text(json.dumps(frame.plain(data), indent=2) + "\n")
