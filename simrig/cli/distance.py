@@ -153,7 +153,12 @@ def _flat(
     """Return a flat piece, and the size of its structure where it is known."""
     from simrig.evaluation import structure_look as looks
 
-    if (Path(material).suffix.lower() in _PICTURES) != (size_mm is not None):
+    is_picture = Path(material).suffix.lower() in _PICTURES
+    if is_picture and size_mm is None:
+        raise SimrigError(
+            f"'{material}' is a picture: say with --size-mm of 'simrig distance' how wide it is"
+        )
+    if size_mm is not None and not is_picture:
         advice = "--size-mm says how wide a picture is, and only a picture needs it"
         raise SimrigError(f"'{material}': {advice}")
     if size_mm is not None:
