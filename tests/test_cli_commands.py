@@ -145,6 +145,8 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
     ("arguments", "message"),
     [
         (["materials", "yelow_satin"], "did you mean 'yellow_satin'"),
+        (["materials", "leather_tn"], "did you mean 'leather_tan'"),
+        (["materials", "four_sphere"], "did you mean 'four_spheres'"),
         (["measure", "yelow_satin", "--output", "m.h5"], "did you mean 'yellow_satin'"),
         (["measure", "wood01", "--output", "nowhere/m.h5"], "the folder 'nowhere' does not exist"),
         ([*MEASURE, "--samples", "0"], "too few"),

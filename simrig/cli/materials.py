@@ -10,7 +10,7 @@ import typer
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
 from simrig.cli.structures import describe, listing
-from simrig.errors import SimrigError
+from simrig.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
     from simrig.reflectance import Reflectance
@@ -39,6 +39,7 @@ def materials(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
 ) -> frame.Report:
     """List the built-in materials and scenes, or describe one of them or a material file."""
+    from simrig.data.load import MATERIALS
     from simrig.mesostructure import PRESETS
     from simrig.scenes import SCENES
 
@@ -55,6 +56,8 @@ def materials(
         return _all()
     if is_scene:
         return _scene(name)
+    if not (Path(name).suffix or Path(name).exists() or name in MATERIALS):
+        raise unknown_name("material", name, (*MATERIALS, *PRESETS, *SCENES))
     report = _material(name)
     if picture is None:
         return report
