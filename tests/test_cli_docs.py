@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
+from command_line import simrig
 from simrig.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,17 +43,15 @@ def examples(page: Path) -> list[Example]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_empty_folder")
 @pytest.mark.parametrize("page", [DOCS / "command_line.md", ROOT / "README.md"])
-def test_every_example_runs_and_prints_what_the_page_says(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_every_example_runs_and_prints_what_the_page_says(page: Path) -> None:
     found = examples(page)
     assert found
     for example in found:
         program, *arguments = shlex.split(example.command)
         assert program == "simrig", example.command
-        result = CliRunner().invoke(app, arguments)
+        result = simrig(*arguments)
         assert result.exit_code == example.exit_code, f"{example.command}\n{result.output}"
         if example.output.strip():
             fits = doctest.OutputChecker().check_output(example.output, result.output, _FLAGS)
