@@ -13,7 +13,7 @@ import numpy as np
 from simrig.errors import SimrigError, unknown_name
 from simrig.evaluation.rendering import load, render
 from simrig.evaluation.stimuli_materials import StimulusMaterial, stimulus_stack
-from simrig.evaluation.structure_look import btf_stimulus, look
+from simrig.evaluation.structure_look import btf_stimulus, element_of_preset, look
 from simrig.mesostructure import PRESETS
 from simrig.scenes.perspective import pixel_angle_deg
 from simrig.scenes.room import FOCAL_LENGTH_MM, ROOM_PARTS, picture_size, room
@@ -145,9 +145,8 @@ def predicted_distances_mm(
         name = material.stack.name
         if progress is not None:
             progress(len(found), count, name)
-        known = PRESETS[name].structure.element_mm if name in PRESETS else None
         try:
-            seen = look(btf_stimulus(material.stack), known)
+            seen = look(btf_stimulus(material.stack), element_of_preset(name))
         except SimrigError as error:
             raise SimrigError(f"{error}; take the distances of the groups instead") from error
         found[id(material)] = 1000.0 * seen.distances_m[_PREDICTOR]

@@ -111,6 +111,17 @@ def look(stimulus: Stimulus, structure_mm: float | None = None) -> StructureLook
     return StructureLook(features, size, found, distances, stimulus.cost + spent)
 
 
+def element_of_preset(name: str) -> float | None:
+    """Return the size of the largest element in mm of a BTF that a preset of that name gave.
+
+    Coarse texels hide fine elements, and what is found in their spectrum then is the tile's own
+    period. None of any other BTF.
+    """
+    from simrig.mesostructure import PRESETS
+
+    return PRESETS[name].structure.element_mm if name in PRESETS else None
+
+
 def tile_stimulus(tile: Tile, pixels: int = PATCH, spp: int = 256, seed: int = 0) -> Stimulus:
     """Render a tile flat with all its shadows and inter-reflections, and repeat it.
 

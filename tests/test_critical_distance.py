@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -282,6 +283,10 @@ def test_the_distance_of_a_picture_and_of_a_btf(tmp_path: Path) -> None:
     write_btf(tmp_path / "cloth.h5", lit_stack(striped(2.5)[:4, :50], (2.5, 0.2)))
     btf = done("distance", tmp_path / "cloth.h5")
     assert btf["structure_mm"] == pytest.approx(2.5, abs=PIXEL_MM)
+    stack = lit_stack(striped(2.5)[:4, :50], (2.5, 0.2))
+    write_btf(tmp_path / "measured.h5", replace(stack, name="leather_nappa"))
+    own = done("distance", tmp_path / "measured.h5")
+    assert (own["structure_mm"], own["structure_source"]) == (1.4, "of the preset")
 
 
 def test_bad_distances_are_refused(tmp_path: Path) -> None:

@@ -168,7 +168,8 @@ def _flat(
     if Path(material).suffix.lower() in _HDF5:
         from simrig.data.btf_hdf5 import read_btf
 
-        return looks.btf_stimulus(read_btf(material)), None
+        stack = read_btf(material)
+        return looks.btf_stimulus(stack), looks.element_of_preset(stack.name)
     tile = _tile(material, seed)
     return looks.tile_stimulus(tile, spp=spp or 256), tile.element_mm
 
@@ -182,10 +183,11 @@ def _cylinder(
     if Path(material).suffix.lower() in _HDF5:
         from simrig import backend
         from simrig.data.btf_hdf5 import read_btf
+        from simrig.evaluation.structure_look import element_of_preset
 
         stack = read_btf(material)
         backend.select()
-        size = None
+        size = element_of_preset(stack.name)
     else:
         from simrig.evaluation.structure_cylinder import measured_upright
 
