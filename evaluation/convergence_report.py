@@ -43,7 +43,8 @@ def convergence_tables(result: Convergence, every: bool = False) -> list[Any]:
         f"its standard error is ΔE {reference.delta_e:.2g}, relative {reference.relative_rmse:.2g}"
     )
     rates = [_rates_table(result)] if result.rates else [_NO_RATES]
-    return [title, _settings_table(points, every), *rates, _verdict(result)]
+    settings = [_settings_table(points, every)] if points else []
+    return [title, *settings, *rates, _verdict(result)]
 
 
 def _front(points: Sequence[Point]) -> list[Point]:
