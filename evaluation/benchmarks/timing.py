@@ -137,12 +137,11 @@ def stage_of(
 
 def text_table(title: str, columns: list[str], rows: list[list[str]]) -> Any:
     """Return a table for the terminal, the first column left-aligned."""
-    from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title=escape(title), title_justify="left")
+    table = Table(title=title, title_justify="left")
     for index, column in enumerate(columns):
-        table.add_column(escape(column), justify="left" if index == 0 else "right")
+        table.add_column(column, justify="left" if index == 0 else "right")
     for row in rows:
         table.add_row(*row)
     return table
