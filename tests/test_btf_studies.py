@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,24 @@ def test_a_sight_sees_more_from_afar_and_aslant() -> None:
     near, far = Sight((0, 0, 0, 0), 0.6, 10), Sight((0, 60, 0, 0), 1.2, 10)
     assert near.pixel_mm == pytest.approx(600.0 * PIXEL_ANGLE)
     assert far.seen_mm == pytest.approx(4.0 * near.seen_mm)
+
+
+def test_a_cell_is_given_a_folder_for_what_it_measures(tmp_path) -> None:
+    given = []
+
+    def run_cell(config, cell, kept):
+        given.append(kept)
+        return [{"number": cell["number"]}]
+
+    study = replace(
+        btf_slices.STUDY,
+        cells=lambda config: [{"number": 1}, {"number": 2}],
+        run_cell=run_cell,
+        summarise=lambda config, rows: {"count": len(rows)},
+        plots=lambda summary, rows, folder: [],
+    )
+    assert run_study(study, {}, tmp_path / "study").summary == {"count": 2}
+    assert given == [tmp_path / "study" / "kept"] * 2
 
 
 @pytest.mark.slow

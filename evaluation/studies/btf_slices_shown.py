@@ -181,6 +181,7 @@ def _draw_depth(summary: Mapping[str, Any], path: Path) -> None:
             for row in own:
                 place = (row["depth_over_element"], row["psnr"])
                 panel.annotate(row["material"], place, fontsize=6, rotation=20)
+    panel.margins(x=0.18)  # for the names
     panel.set_xlabel("depth of the structure ÷ size of its largest element")
     panel.set_ylabel("PSNR of the rendering [dB]  (higher is better)")
     panel.legend(frameon=False)
