@@ -10,7 +10,7 @@ from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure,
 from simrig.evaluation.studies.base import Row
 from simrig.evaluation.studies.pictures import PICTURE, draw_sheet
 
-_STRUCTURE = "structure"
+_STRUCTURE, _DIFFERENCE = "structure", "difference"
 
 
 def table(summary: Mapping[str, Any]) -> Any:
@@ -90,8 +90,13 @@ def _beside(pictures: Sequence[Row], path: Path) -> Path:
         own = [row for row in pictures if row["material"] == material and not row["measured"]]
         own = own or [row for row in pictures if row["material"] == material]
         first = {row["form"]: row for row in own if row["picture"] == own[0]["picture"]}
-        forms = ("structure", "full", "difference")
-        lines.append([(f"{material}\n{_caption(first[form])}", first[form]) for form in forms])
+        full = first["full"]
+        captions = {
+            _STRUCTURE: f"{material}\nstructure, {_angles(full)}°",
+            "full": f"BTF, {full['distance_m']:g} m\n{_errors(full)}",
+            _DIFFERENCE: "BTF − structure\n4 ×",
+        }
+        lines.append([(caption, first[form]) for form, caption in captions.items()])
     return draw_sheet(path, lines, 1.8)
 
 
@@ -134,7 +139,7 @@ def _errors(row: Row) -> str:
 
 
 def _caption(row: Row) -> str:
-    if row["form"] == "difference":
+    if row["form"] == _DIFFERENCE:
         return "full − structure, 4 ×\n"
     if row["form"] == _STRUCTURE:
         text = "measured" if row["measured"] else "between"
