@@ -11,6 +11,8 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.errors import SimrigError, unknown_name
+from simrig.evaluation.planning import plan_scene
+from simrig.evaluation.planning.mesostructure import structured_materials
 from simrig.evaluation.rendering import load, render
 from simrig.evaluation.stimuli_materials import StimulusMaterial, stimulus_stack
 from simrig.evaluation.structure_look import btf_stimulus, element_of_preset, look
@@ -32,6 +34,7 @@ GROUP_DISTANCES_M = {
     "wood meso": 4.0,
     "wood rough": 8.0,
 }
+_EVERYWHERE_MM = 1e6  # beyond all of the room
 _PREDICTOR = "saliency"  # of the published models that of the highest correlation, Table 3.1
 
 
@@ -151,6 +154,25 @@ def predicted_distances_mm(
             raise SimrigError(f"{error}; take the distances of the groups instead") from error
         found[id(material)] = 1000.0 * seen.distances_m[_PREDICTOR]
     return {part: found[id(material)] for part, material in materials.items()}
+
+
+def planned_distances_mm(scene: Room, tolerance: str) -> dict[str, float]:
+    """Return how far the structure of each part has to be seen for a tolerance, in mm.
+
+    The planner of effects says it of the room in direct light (``planning.mesostructure``). Half of
+    the tolerance is for structure that is left out.
+
+    Args:
+        scene: the room.
+        tolerance: such as ``psnr=50``.
+    """
+    bsdfs = {part: scene.bsdf(part, "btf") for part in ROOM_PARTS}
+    loaded = load(room(bsdfs, scene.resolution))
+    plan = plan_scene(loaded, tolerance, force=["shadowing"], without=["inter-reflection"])
+    within = plan.settings.get("structure_within_mm", {})
+    materials = structured_materials(loaded)
+    planned = {materials[name]: distance for name, distance in within.items()}
+    return {part: planned.get(bsdf, _EVERYWHERE_MM) for part, bsdf in bsdfs.items()}
 
 
 def group_distances_mm(factor: float = 1.0) -> dict[str, float]:

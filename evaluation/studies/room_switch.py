@@ -1,10 +1,12 @@
-"""The room of Fig. 3.18 in three forms: BTF only, BRDF only, and switched by distance.
+"""The room of Fig. 3.18 in BTF only, BRDF only, and switched by distance: predicted and planned.
 
 Fourteen materials with structure are measured virtually; each surface of the room shows its BTF,
 the average of that (BRDF only), or the BTF within the material's critical viewing distance and the
 BRDF beyond it (switched). Distances are predicted from the BTFs at hand (``"predicted"``), or those
 that the thesis states for the groups of materials (``"groups"``): 2 m for smooth fabric and flat
 leather, 4 m for rough leather, fabric and smooth wood, 8 m for rough fabric, carpet and rough wood.
+Another switch takes the distances at which the planner of effects gives structure up for the PSNR
+that the thesis reports of its switch (``"planned"``).
 
 Times: each form's scene is loaded alone, rendered once, which compiles, and then again. What is
 compared is the median time of the kernels at work. Tracing 14 materials in Python comes on top of
@@ -23,6 +25,7 @@ Source: thesis section 3.3.5, Fig. 3.18, Table 3.4.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -30,6 +33,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig import backend
+from simrig.cost import stopwatch
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.evaluation import metrics
 from simrig.evaluation.benchmarks.timing import Timing, one_alive
@@ -40,6 +44,7 @@ from simrig.evaluation.room import (
     distances_mm,
     far_share,
     group_distances_mm,
+    planned_distances_mm,
     range_map_m,
     room_materials,
 )
@@ -51,13 +56,17 @@ PUBLISHED: dict[str, dict[str, Any]] = {  # Table 3.4
     "btf": {"fps": 8.3, "psnr": None},
     "brdf": {"fps": 20.2, "psnr": 46.3},
     "switched": {"fps": 11.8, "psnr": 58.6},
+    "planned": {"fps": None, "psnr": None},
 }
+_STUDIED = (*FORMS, "planned")
+_OF_PARTS = ("material", "distance_m", "group_distance_m", "planned_distance_m")
 DIFFERENCE_SCALE = 30.0  # Fig. 3.18 d
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         "materials": dict(ROOM_PARTS),
         "distances": "predicted",
+        "tolerance": "psnr=58.6",  # of the planned switch
         "resolution": 480,
         "spp": 4,
         "rounds": 3,
@@ -71,6 +80,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "full": {
         "materials": dict(ROOM_PARTS),
         "distances": "predicted",
+        "tolerance": "psnr=58.6",  # of the planned switch
         "resolution": 1920,
         "spp": 16,
         "rounds": 5,
@@ -97,8 +107,18 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     """
     variant = backend.select("auto")
     scene = _room(config, variant)
-    share = far_share(scene.distances_mm, config["resolution"])
-    images, timings = _renders(scene, config["rounds"])
+    clock = stopwatch()
+    planned = planned_distances_mm(scene, config["tolerance"])
+    planning_seconds = clock()
+    switches = {"switched": scene.distances_mm, "planned": planned}
+    share = {
+        "btf": 0.0,
+        "brdf": 1.0,
+        **{
+            name: far_share(distances, config["resolution"]) for name, distances in switches.items()
+        },
+    }
+    images, timings = _renders(scene, planned, config["rounds"])
     exposure = display_exposure(images["btf"])
     rows = [
         {
@@ -109,12 +129,13 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
             "kernel_seconds": timings[form].kernel,
             "fastest_kernel_seconds": min(timings[form].kernels),
             "slowest_kernel_seconds": max(timings[form].kernels),
-            "far_share": {"btf": 0.0, "brdf": 1.0, "switched": share}[form],
+            "planning_seconds": planning_seconds if form == "planned" else 0.0,
+            "far_share": share[form],
             "psnr": _psnr(images["btf"], images[form], exposure),
             "device_bytes": _bytes(scene, form),
             "variant": variant,
         }
-        for form in FORMS
+        for form in _STUDIED
     ]
     by_group = group_distances_mm()
     rows += [
@@ -124,6 +145,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
             "material": config["materials"][part],
             "distance_m": distance / 1000.0,
             "group_distance_m": by_group[part] / 1000.0,
+            "planned_distance_m": planned[part] / 1000.0,
         }
         for part, distance in scene.distances_mm.items()
     ]
@@ -151,7 +173,9 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
                 "far_share": row["far_share"],
                 "device_bytes": row["device_bytes"],
                 "published_fps": PUBLISHED[form]["fps"],
-                "published_faster": PUBLISHED[form]["fps"] / PUBLISHED["btf"]["fps"],
+                "planning_seconds": row["planning_seconds"],
+                "published_faster": PUBLISHED[form]["fps"]
+                and PUBLISHED[form]["fps"] / PUBLISHED["btf"]["fps"],
                 "published_psnr": PUBLISHED[form]["psnr"],
             }
             for form, row in forms.items()
@@ -161,8 +185,9 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
         "spp": config["spp"],
         "rounds": config["rounds"],
         "distances": config["distances"],
+        "tolerance": config["tolerance"],
         "parts": {
-            row["part"]: {key: row[key] for key in ("material", "distance_m", "group_distance_m")}
+            row["part"]: {key: row[key] for key in _OF_PARTS}
             for row in rows
             if row["kind"] == "part"
         },
@@ -184,13 +209,19 @@ def _room(config: Config, variant: str) -> Room:
     return Room(materials, distances, config["resolution"], config["spp"])
 
 
-def _renders(scene: Room, rounds: int) -> tuple[dict[str, np.ndarray], dict[str, Timing]]:
+def _renders(
+    scene: Room, planned: Mapping[str, float], rounds: int
+) -> tuple[dict[str, np.ndarray], dict[str, Timing]]:
     """Return the pictures of all forms, of the same samples, and what they took."""
     pictures: dict[str, Any] = {}
 
     def maker(form: str) -> Callable[[], Callable[[], None]]:
         def loaded() -> Callable[[], None]:
-            described = load(scene.scene(form))
+            described = load(
+                replace(scene, distances_mm=planned).scene("switched")
+                if form == "planned"
+                else scene.scene(form)
+            )
 
             def once() -> None:
                 pictures[form] = mi.render(described, spp=scene.spp, seed=mi.UInt32(1))
@@ -200,7 +231,7 @@ def _renders(scene: Room, rounds: int) -> tuple[dict[str, np.ndarray], dict[str,
 
         return loaded
 
-    timings = one_alive({form: maker(form) for form in FORMS}, rounds)
+    timings = one_alive({form: maker(form) for form in _STUDIED}, rounds)
     return {form: np.array(picture)[..., :3] for form, picture in pictures.items()}, timings
 
 
@@ -212,7 +243,7 @@ def _psnr(reference: np.ndarray, image: np.ndarray, exposure: float) -> float | 
 
 def _bytes(scene: Room, form: str) -> int:
     """Return the bytes that the look-ups of all materials read."""
-    used = {"btf": ("near",), "brdf": ("far",), "switched": ("near", "far")}[form]
+    used = {"btf": ("near",), "brdf": ("far",)}.get(form, ("near", "far"))
     materials = {id(m): m for m in scene.materials.values()}.values()
     return sum(getattr(material, side).device_bytes for material in materials for side in used)
 
@@ -220,11 +251,11 @@ def _bytes(scene: Room, form: str) -> int:
 def _pictures(
     images: Mapping[str, np.ndarray], exposure: float, resolution: int
 ) -> dict[str, np.ndarray]:
-    """Return the four pictures of Fig. 3.18, and BRDF only with its difference, as uint8."""
+    """Return the pictures of Fig. 3.18, those of the other forms and differences, as uint8."""
     reference = images["btf"]
-    shown = {form: np.round(metrics.displayed(images[form], exposure)) for form in FORMS}
+    shown = {form: np.round(metrics.displayed(images[form], exposure)) for form in _STUDIED}
     found = {form: np.clip(picture, 0.0, 255.0).astype(np.uint8) for form, picture in shown.items()}
-    for form in ("switched", "brdf"):
+    for form in _STUDIED[1:]:
         found[f"{form}_difference"] = metrics.difference_image(
             reference, images[form], DIFFERENCE_SCALE, exposure
         )

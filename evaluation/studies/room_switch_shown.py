@@ -13,7 +13,12 @@ import numpy as np
 from simrig.data.files import atomic_write
 from simrig.evaluation.benchmarks.timing import text_table
 
-_NAMES = {"btf": "BTF only", "brdf": "BRDF only", "switched": "switched"}
+_NAMES = {
+    "btf": "BTF only",
+    "brdf": "BRDF only",
+    "switched": "switched",
+    "planned": "switched as planned",
+}
 _FARTHEST_M = 13.0  # of the range map's colours
 
 
@@ -33,7 +38,9 @@ def table(summary: Mapping[str, Any]) -> Any:
                 f"{row['tracing_seconds']:.2f}",
                 f"{row['first_seconds']:.2f}",
                 f"{row['faster']:.2f}×",
-                f"{row['published_faster']:.2f}× ({row['published_fps']:g} FPS)",
+                f"{row['published_faster']:.2f}× ({row['published_fps']:g} FPS)"
+                if row["published_fps"]
+                else "–",
                 "–" if row["psnr"] is None else f"{row['psnr']:.1f}",
                 "–" if row["published_psnr"] is None else f"{row['published_psnr']:g}",
                 f"{100.0 * row['far_share']:.0f} %",
@@ -46,15 +53,23 @@ def table(summary: Mapping[str, Any]) -> Any:
         "than BTF only"
     )
     distances = [
-        [part, one["material"], f"{one['distance_m']:.1f}", f"{one['group_distance_m']:g}"]
+        [
+            part,
+            one["material"],
+            f"{one['distance_m']:.1f}",
+            f"{one['group_distance_m']:g}",
+            f"{one['planned_distance_m']:.1f}",
+        ]
         for part, one in summary["parts"].items()
     ]
     source = f"switch [m], {summary['distances']}"
+    seconds = summary["forms"]["planned"]["planning_seconds"]
+    planned = f"for {summary['tolerance']} [m], planned in {seconds:.1f} s"
     return Group(
         text_table(title, columns, rows),
         text_table(
             "From where on the BRDF is shown, and the thesis's distances of the groups",
-            ["part", "material", source, "group [m]"],
+            ["part", "material", source, "group [m]", planned],
             distances,
         ),
     )
