@@ -60,7 +60,7 @@ def check_indirect(scene: Any, label: str) -> tuple[float, float]:
     """Assert that leaving out inter-reflection changes no more than its bound; return both."""
     everything = plan_scene(scene, "dE=0.5", everything=True)
     exposure = everything.about["exposure"]
-    without = plan_scene(scene, "dE=0.5", force=["shadowing"], without=["inter-reflection"])
+    without = plan_scene(scene, "dE=0.5", everything=True, without=["inter-reflection"])
     measured = change(converged(scene, everything, 1), converged(scene, without, 2), exposure)
     allowed = bound_of(everything, "inter-reflection") + noise(scene, everything, exposure)
     assert measured <= allowed * 1.05, f"{label}: measured {measured}, bound and noise {allowed}"
