@@ -163,6 +163,7 @@ def _ratios(material: str, rows: Sequence[Row]) -> dict[str, Any]:
             "published": published[place],
             "ours": float(each.mean()),
             "standard_error": float(np.sqrt(np.sum(each**2 * spread)) / len(each)),
+            "median": float(np.median(each)),
             "of_mean_errors": sums[0] / sums[1],
             "slices_better": int((each > 1.0).sum()),
             "schemes": len(each),
@@ -178,7 +179,8 @@ def _by_samples(rows: Sequence[Row], kind: str) -> dict[int, Row]:
 
 
 def _mean_ratio(found: Sequence[Mapping[str, Any]], kind: str) -> dict[str, Any]:
-    mean = {key: float(np.mean([row[kind][key] for row in found])) for key in ("published", "ours")}
+    keys = ("published", "ours", "median")
+    mean = {key: float(np.mean([row[kind][key] for row in found])) for key in keys}
     return {**mean, "published_of_ten": PUBLISHED_MEAN[kind]}
 
 
