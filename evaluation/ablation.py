@@ -212,7 +212,7 @@ def _left_out(pictures: Pictures, decision: Decision) -> Row:
         note = f"both without {', '.join(along)}"
     bound = decision.bound
     if decision.effect == ENVIRONMENT:  # that of as many lights as the picture without it has
-        (bound,) = (d.bound for d in without.effects if d.effect == ENVIRONMENT)
+        bound = without.decision(ENVIRONMENT).bound
     most = None if bound is None else bound.value
     return _compare(pictures, (decision.effect, LEFT_OUT, decision.on, most), base, without, note)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
 from simrig.errors import SimrigError, unknown_name
@@ -170,6 +170,21 @@ class Decision:
         }
 
 
+def left_out(decisions: Iterable[Decision], but: str = "") -> float:
+    """Return the most that all left-out effects, ``but`` one, change together.
+
+    It is in the unit of their bounds; what cannot be bounded counts nothing.
+    """
+    return sum(
+        d.bound.value for d in decisions if not d.on and d.bound is not None and d.effect != but
+    )
+
+
+def replaced(decisions: Iterable[Decision], effect: str, **changes: Any) -> tuple[Decision, ...]:
+    """Return decisions of which that about ``effect`` has other attributes."""
+    return tuple(replace(d, **changes) if d.effect == effect else d for d in decisions)
+
+
 @dataclass(frozen=True)
 class Plan:
     """Which effects a result simulates, and the settings that follow.
@@ -186,21 +201,29 @@ class Plan:
     tolerance: Tolerance
     about: dict[str, Any] = field(default_factory=dict)
 
-    def on(self, effect: str) -> bool:
-        """Return whether an effect is simulated.
+    def decision(self, effect: str) -> Decision:
+        """Return what was decided about an effect.
 
         Raises:
             SimrigError: the plan knows no such effect.
         """
         for decision in self.effects:
             if decision.effect == effect:
-                return decision.on
+                return decision
         raise unknown_name("effect", effect, [d.effect for d in self.effects])
+
+    def on(self, effect: str) -> bool:
+        """Return whether an effect is simulated.
+
+        Raises:
+            SimrigError: the plan knows no such effect.
+        """
+        return self.decision(effect).on
 
     @property
     def left_out(self) -> float:
         """The most that all left-out effects change together, in the tolerance's unit."""
-        return sum(d.bound.value for d in self.effects if not d.on and d.bound is not None)
+        return left_out(self.effects)
 
     @property
     def settings_line(self) -> str:

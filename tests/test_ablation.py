@@ -111,7 +111,7 @@ def test_leaving_out_what_does_nothing_changes_nothing() -> None:
 
 
 def test_a_bound_that_is_too_small_is_found(corner: Pictures) -> None:
-    decision = next(d for d in corner.plan.effects if d.effect == "inter-reflection")
+    decision = corner.plan.decision("inter-reflection")
     for value, violated in ((0.5, True), (1e3, False)):
         planted = replace(decision, bound=Bound(value, "dE", "planted"))
         (found,) = effect_rows(corner, planted)

@@ -119,7 +119,7 @@ def test_bounds_at_other_nodes_hold(aluminium):
             bound = plan_directions(material, UTIA, tolerance, angles)
             dense = averaged(material, angles[::4], UTIA, {effect.name}, pairs=512)
             change = measured_change(dense, values[::4], angles[::4, 0], tolerance)
-            (decision,) = (d for d in bound.effects if d.effect == effect.name)
+            decision = bound.decision(effect.name)
             assert change <= decision.bound.value
 
 

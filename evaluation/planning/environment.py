@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from simrig.effects import Bound, Decision, Overrides, Tolerance
+from simrig.effects import Bound, Decision, Overrides, Tolerance, left_out, replaced
 from simrig.errors import SimrigError
 from simrig.evaluation.planning.change import Display
 from simrig.evaluation.planning.integrators import direct_integrator
@@ -148,13 +147,8 @@ def decide_environment(
         return decisions, None
     why = _kept_by(subject, on)
     if why:
-        return _replaced(decisions, on=True, why=why), None
-    used = sum(
-        d.bound.value
-        for d in decisions
-        if d.effect != ENVIRONMENT and not d.on and d.bound is not None
-    )
-    room = max(allowed.amount - used, 0.0)
+        return replaced(decisions, ENVIRONMENT, on=True, why=why), None
+    room = max(allowed.amount - left_out(decisions, but=ENVIRONMENT), 0.0)
     asked = overrides.of(ENVIRONMENT)
     choice = choose_lights(subject, allowed, noise, room, on["shadowing"], asked is not None)
     fits = choice.change <= room
@@ -165,12 +159,12 @@ def decide_environment(
     kept, why = asked or (not fits or choice.seconds > _WORTH * choice.map_seconds, why)
     bound = Bound(choice.change, allowed.unit, f"measured with {choice.count} directional lights")
     cost = choice.map_seconds - choice.seconds
-    decisions = _replaced(decisions, on=kept, why=why, bound=bound, cost_s=cost)
+    decisions = replaced(decisions, ENVIRONMENT, on=kept, why=why, bound=bound, cost_s=cost)
     if kept:
         return decisions, None
     if overrides.of(BSDF_SAMPLING) is None:
         only = Bound(0.0, allowed.unit, "directional lights in the map's place: sampling is exact")
-        decisions = _replaced(decisions, BSDF_SAMPLING, on=False, bound=only, why=only.explanation)
+        decisions = replaced(decisions, BSDF_SAMPLING, on=False, bound=only, why=only.explanation)
     return decisions, choice.count
 
 
@@ -201,7 +195,7 @@ def without_map(
         for needing in NEED_THE_MAP:
             if any(d.effect == needing and d.on for d in decisions):
                 why = f"cannot be simulated without {ENVIRONMENT}"
-                decisions = _replaced(decisions, needing, on=False, why=why)
+                decisions = replaced(decisions, needing, on=False, why=why)
     return decisions
 
 
@@ -223,9 +217,3 @@ def obstacle(subject: SceneSubject) -> str:
     if survey.unknown == "participating media":
         return "participating media need paths"
     return ""
-
-
-def _replaced(
-    decisions: tuple[Decision, ...], name: str = ENVIRONMENT, **changes: Any
-) -> tuple[Decision, ...]:
-    return tuple(replace(d, **changes) if d.effect == name else d for d in decisions)

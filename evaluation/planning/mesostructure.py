@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from simrig.effects import Bound, Decision, Overrides, Tolerance
+from simrig.effects import Bound, Decision, Overrides, Tolerance, replaced
 from simrig.evaluation.planning.change import Display
 from simrig.evaluation.planning.costs import USUAL_SPP
 from simrig.evaluation.planning.places import DRAWN, PLACES, measured_change
@@ -42,16 +42,18 @@ def structure_within(scene: Any, distances_mm: Mapping[str, float] | None) -> It
         scene: loaded.
         distances_mm: by ``structured_materials``; those not named are seen everywhere.
     """
-    changed = {}
+    if not distances_mm:
+        yield
+        return
+    found = structured_materials(scene)
+    before = {bsdf: bsdf.within_mm for name, bsdf in found.items() if name in distances_mm}
     try:
-        for name, bsdf in structured_materials(scene).items() if distances_mm else ():
-            if name in (distances_mm or {}):
-                changed[bsdf] = bsdf.within_mm
-                bsdf.show_structure_within((distances_mm or {})[name])
+        for name, bsdf in found.items():
+            bsdf.show_structure_within(distances_mm.get(name, bsdf.within_mm))
         yield
     finally:
-        for bsdf, before in changed.items():
-            bsdf.show_structure_within(before)
+        for bsdf, distance in before.items():
+            bsdf.show_structure_within(distance)
 
 
 def decide_mesostructure(
@@ -96,12 +98,8 @@ def decide_mesostructure(
     saved = max(looked.seconds - looked.average_seconds, 0.0) * subject.pixels * USUAL_SPP
     explained = Bound(full, allowed.unit, "the average of the tile in the place of its texels")
     why = asked[1] if asked else _why(on, float(share), full, change, room)
-    decisions = tuple(
-        replace(d, on=on, why=why, bound=explained, cost_s=saved * (1.0 - share * on))
-        if d.effect == MESOSTRUCTURE
-        else d
-        for d in decisions
-    )
+    cost = saved * (1.0 - share * on)
+    decisions = replaced(decisions, MESOSTRUCTURE, on=on, why=why, bound=explained, cost_s=cost)
     finite = {name: float(d) for name, d in distances.items() if np.isfinite(d)}
     return decisions, finite, change if on else 0.0
 

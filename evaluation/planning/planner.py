@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 
 from simrig import backend
-from simrig.effects import Decision, Overrides, Plan, Tolerance, decide, parse_tolerance
+from simrig.effects import (
+    Decision,
+    Overrides,
+    Plan,
+    Tolerance,
+    decide,
+    left_out,
+    parse_tolerance,
+)
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
 from simrig.evaluation.planning.costs import USUAL_SPP, render_seconds, shadow_seconds
@@ -112,15 +120,15 @@ def plan_scene(
 def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> Plan:
     check_possible(subject, overrides)
     subject.follows_paths = must_follow_paths(subject, overrides)
-    left_out, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
-    decisions = decide(SCENE_EFFECTS, subject, left_out, concerning(overrides, SCENE_EFFECTS))
+    allowed, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
+    decisions = decide(SCENE_EFFECTS, subject, allowed, concerning(overrides, SCENE_EFFECTS))
     decisions = with_paths(without_map(subject, decisions, overrides), overrides)
-    depth, deeper = _depth(subject, left_out, decisions, overrides)
-    decisions, lights = decide_environment(subject, decisions, left_out, noise, overrides)
+    depth, deeper = _depth(subject, allowed, decisions, overrides)
+    decisions, lights = decide_environment(subject, decisions, allowed, noise, overrides)
     integrator = _integrator(subject, decisions, depth, lights)
-    room = _room(decisions, left_out, deeper)
+    used = left_out(decisions, but=MESOSTRUCTURE) + deeper
     decisions, within, averaged = decide_mesostructure(
-        subject, decisions, integrator, left_out, room, overrides
+        subject, decisions, integrator, allowed, max(allowed.amount - used, 0.0), overrides
     )
     with structure_within(subject.scene, within):
         sampled = _sampled(subject, integrator, bool(within))
@@ -178,12 +186,7 @@ def _depth(
 
     They use what the left-out effects leave.
     """
-    used = 0.0
-    for decision in decisions:
-        if decision.effect == "inter-reflection":
-            indirect = decision
-        elif not decision.on and decision.bound is not None:
-            used += decision.bound.value
+    (indirect,) = (d for d in decisions if d.effect == "inter-reflection")
     if not indirect.on:
         return DIRECT_DEPTH, 0.0
     if indirect.bound is None or overrides.everything:
@@ -191,7 +194,7 @@ def _depth(
     if indirect.bound.value == 0.0:
         return DIRECT_DEPTH + 1, 0.0
     bounds = subject.indirect_changes(allowed)
-    orders = bounds.orders_needed(max(allowed.amount - used, 0.0))
+    orders = bounds.orders_needed(max(allowed.amount - left_out(decisions), 0.0))
     if orders is None:
         return UNLIMITED, 0.0
     orders = max(orders, 1)
@@ -219,16 +222,6 @@ def _integrator(
         media = subject.survey.unknown == "participating media"
         return path_integrator(subject.scene, depth, media)
     return direct_light(subject.scene, on["shadowing"], on["bsdf-sampling"], lights)
-
-
-def _room(decisions: tuple[Decision, ...], allowed: Tolerance, deeper: float) -> float:
-    """Return what is left of a tolerance for leaving structure out."""
-    used = sum(
-        d.bound.value
-        for d in decisions
-        if d.effect != MESOSTRUCTURE and not d.on and d.bound is not None
-    )
-    return max(allowed.amount - used - deeper, 0.0)
 
 
 def _sampled(
