@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planning_scenes import POINT, bound_of, change, simple
 
 from simrig import backend
 from simrig.cli.effect_options import plan_lines
@@ -29,14 +30,6 @@ def variant() -> None:
     backend.select("llvm_ad_rgb")
 
 
-def change(reference: np.ndarray, picture: np.ndarray, exposure: float) -> float:
-    """Return the mean ΔE over the pixels that are not black."""
-    mask = metrics.foreground_mask(reference, picture)
-    if not mask.any():
-        return 0.0
-    return float(metrics.delta_e_map(reference, picture, exposure)[mask].mean())
-
-
 def converged(scene: Any, plan: Plan, seed: int, spp: int = CONVERGED) -> np.ndarray:
     loaded = rendering.load(scene)
     return rendering.render(loaded, spp, seed, planned_integrator(loaded, plan)).image
@@ -45,11 +38,6 @@ def converged(scene: Any, plan: Plan, seed: int, spp: int = CONVERGED) -> np.nda
 def noise(scene: Any, plan: Plan, exposure: float) -> float:
     """Return how far two converged pictures are apart that simulate the same."""
     return change(converged(scene, plan, 11), converged(scene, plan, 12), exposure)
-
-
-def bound_of(plan: Plan, effect: str) -> float:
-    (bound,) = (d.bound for d in plan.effects if d.effect == effect)
-    return math.inf if bound is None else bound.value
 
 
 def named(scene: str, material: str) -> dict:
@@ -209,14 +197,6 @@ def test_what_is_left_out_by_request_counts_against_the_tolerance() -> None:
     assert loose.about["kept"] and len(plan_lines(loose)) == 1
 
 
-def test_without_a_bound_nobody_knows_whether_a_tolerance_is_kept() -> None:
-    gold = {"type": "roughconductor", "material": "Au", "alpha": 0.3}
-    scene = simple(s={"type": "sphere", "bsdf": gold}, e=POINT)
-    about = plan_scene(scene, "dE=2", without=["spectral"]).about
-    assert about["kept"] is None is about["expected_error"]
-    assert "leaving out spectral changes cannot be bounded" in about["advice"]
-
-
 @pytest.mark.parametrize("tolerance", ["psnr=40", "relative=0.02"])
 def test_other_tolerances_are_kept_as_well(tolerance: str) -> None:
     scene = named("sphere", "wood01")
@@ -249,27 +229,6 @@ def test_tighter_tolerances_never_ask_for_less() -> None:
     assert spp[0] > spp[-1]
 
 
-def simple(**entries: Any) -> dict:
-    return {
-        "type": "scene",
-        "sensor": {
-            "type": "perspective",
-            "to_world": _look(),
-            "film": {"type": "hdrfilm", "width": 16, "height": 16},
-        },
-        **entries,
-    }
-
-
-def _look() -> Any:
-    import mitsuba as mi
-
-    return mi.ScalarTransform4f().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])
-
-
-POINT = {"type": "point", "position": [3.0, 3.0, 3.0], "intensity": 20.0}
-
-
 def test_what_cannot_be_judged_is_said_and_kept_on() -> None:
     glass = plan_scene(
         simple(s={"type": "sphere", "bsdf": {"type": "dielectric"}}, e={"type": "constant"}), "dE=1"
@@ -277,13 +236,11 @@ def test_what_cannot_be_judged_is_said_and_kept_on() -> None:
     assert (glass.settings["integrator"], glass.settings["depth"]) == ("path", -1)
     assert glass.on("inter-reflection")
     assert glass.on("environment")
-    why = {decision.effect: decision.why for decision in glass.effects}
-    assert "cannot be bounded" in why["inter-reflection"]
-    assert why["environment"] == "comes with inter-reflection"
-    (why,) = (d.why for d in glass.effects if d.effect == "inter-reflection")
+    assert glass.decision("environment").why == "comes with inter-reflection"
+    why = glass.decision("inter-reflection").why
     assert "cannot be bounded" in why and "lets light through" in why
     assert glass.on("shadowing") and bound_of(glass, "shadowing") == math.inf
-    assert {d.effect: d.why for d in glass.effects}["shadowing"] == "comes with inter-reflection"
+    assert glass.decision("shadowing").why == "comes with inter-reflection"
     fog = {"type": "homogeneous", "albedo": 0.8, "sigma_t": 1.0}
     cloud = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog}
     assert plan_scene(simple(s=cloud, e=POINT), "dE=1").settings["integrator"] == "volpath"
@@ -297,19 +254,6 @@ def test_shadows_are_bounded_only_where_paths_do_not_see_them_anyway() -> None:
     assert 0.0 < bound_of(alone, "shadowing") < math.inf
     neither = plan_scene(scene, "dE=1", without=["shadowing", "inter-reflection"])
     assert bound_of(neither, "shadowing") == bound_of(alone, "shadowing")
-
-
-def test_spectra_are_transported_and_the_variant_comes_back() -> None:
-    gold = {"type": "roughconductor", "material": "Au", "alpha": 0.3}
-    scene = simple(s={"type": "sphere", "bsdf": gold}, e=POINT)
-    plan = plan_scene(scene, "dE=2")
-    assert plan.on("spectral")
-    (why,) = (d.why for d in plan.effects if d.effect == "spectral")
-    assert "cannot be bounded" in why and "'roughconductor'" in why
-    assert plan.settings["variant"] == "llvm_ad_spectral"
-    assert backend.current() == "llvm_ad_rgb"
-    assert not plan_scene(scene, "dE=2", without=["spectral"]).on("spectral")
-    assert planned_render(scene, plan).variant == "llvm_ad_spectral"
 
 
 def test_a_two_sided_sphere_is_convex_from_outside_only() -> None:
@@ -366,45 +310,3 @@ def test_the_unit_of_bounds_is_that_of_the_tolerance() -> None:
     for text in ("dE=1", "psnr=40", "relative=0.1"):
         plan = plan_scene(named("four_spheres", "wood01"), text)
         assert {d.bound.unit for d in plan.effects if d.bound} == {plan.tolerance.unit}
-
-
-# Mitsuba cannot evaluate it in RGB at all
-REGULAR = {
-    "type": "regular",
-    "wavelength_min": 400.0,
-    "wavelength_max": 700.0,
-    "values": "0.1, 0.9",
-}
-
-
-@pytest.mark.parametrize(
-    ("entry", "spectral"),
-    [
-        ({"type": "rgb", "value": [0.2, 0.3, 0.4]}, False),
-        ({"type": "uniform", "value": 0.5}, False),
-        ({"type": "spectrum", "value": 0.5}, False),
-        ({"type": "spectrum", "value": [(400.0, 0.2), (700.0, 0.9)]}, True),
-        (
-            {"type": "regular", "wavelength_min": 400.0, "wavelength_max": 700.0, "values": "1 2"},
-            True,
-        ),
-    ],
-)
-def test_the_variant_follows_from_what_is_spectral(entry: dict, spectral: bool) -> None:
-    """In both directions: RGB data in a spectral variant are rendered in the RGB one."""
-    scene = simple(s={"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": entry}}, e=POINT)
-    for chosen in ("llvm_ad_rgb", "llvm_ad_spectral"):
-        backend.select(chosen)
-        plan = plan_scene(scene, "dE=4", variant=chosen)
-        assert plan.on("spectral") is spectral
-        assert plan.settings["variant"] == f"llvm_ad_{'spectral' if spectral else 'rgb'}"
-        assert (bound_of(plan, "spectral") == 0.0) is not spectral
-        assert planned_render(scene, plan).variant == plan.settings["variant"]
-
-
-def test_spectra_that_rgb_cannot_say_are_refused_without_spectral() -> None:
-    bsdf = {"type": "diffuse", "reflectance": REGULAR}
-    scene = simple(s={"type": "sphere", "bsdf": bsdf}, e=POINT)
-    with pytest.raises(SimrigError, match="cannot be rendered in the variant 'llvm_ad_rgb'"):
-        plan_scene(scene, "dE=4", without=["spectral"])
-    assert backend.current() == "llvm_ad_rgb"

@@ -9,15 +9,15 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
+from planning_scenes import change
 
 from simrig import backend
 from simrig.data.images import write_exr
 from simrig.data.load import load_material
-from simrig.effects import Plan, parse_tolerance
+from simrig.effects import parse_tolerance
 from simrig.errors import SimrigError
 from simrig.evaluation import rendering
 from simrig.evaluation.ablation import ablate
-from simrig.evaluation.metrics import delta_e_map, foreground_mask
 from simrig.evaluation.planning import (
     environment,
     plan_scene,
@@ -44,11 +44,6 @@ def worth_any_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environment, "_WORTH", np.inf)
 
 
-def change(reference: np.ndarray, picture: np.ndarray, exposure: float) -> float:
-    mask = foreground_mask(reference, picture)
-    return float(delta_e_map(reference, picture, exposure)[mask].mean())
-
-
 def map_scene(to_world: Any = None, **entries: Any) -> dict:
     """Return a sphere under the built-in map, which the camera sees around it."""
     light = {"type": "envmap", "bitmap": mi.Bitmap(builtin_environment(64).astype(np.float32))}
@@ -56,10 +51,6 @@ def map_scene(to_world: Any = None, **entries: Any) -> dict:
         light["to_world"] = to_world
     scene = build_scene("environment_map", GREY, resolution=24)
     return {**scene, "light": light, **entries}
-
-
-def decision(plan: Plan, effect: str) -> Any:
-    return next(d for d in plan.effects if d.effect == effect)
 
 
 @pytest.mark.parametrize(
@@ -133,8 +124,8 @@ def test_a_plan_puts_lights_in_the_place_of_a_map_and_keeps_the_background() -> 
     assert not plan.on("environment")
     assert plan.settings["integrator"] == "simrig_all_lights"
     assert plan.settings["lights"] in COUNTS
-    assert np.isfinite(decision(plan, "environment").cost_s)
-    assert "lights" in decision(plan, "environment").why
+    assert np.isfinite(plan.decision("environment").cost_s)
+    assert "lights" in plan.decision("environment").why
     assert not plan.on("bsdf-sampling") and not plan.on("shadowing")
     picture = planned_render(scene, plan, seed=1).image
     reference = rendering.render(scene, CONVERGED, 2).image
@@ -164,11 +155,11 @@ def test_lobes_narrower_than_the_lights_are_apart_keep_the_map() -> None:
     mirror = {"type": "roughconductor", "material": "none", "alpha": 0.02}
     plan = plan_scene(map_scene(material=mirror), "dE=0.5")
     assert plan.on("environment")
-    assert "above the share" in decision(plan, "environment").why
+    assert "above the share" in plan.decision("environment").why
     assert "lights" not in plan.settings
     without = plan_scene(map_scene(material=mirror), "dE=0.5", without=["environment"])
     assert without.settings["lights"] == COUNTS[-1]
-    assert decision(without, "environment").bound.value > 0.25
+    assert without.decision("environment").bound.value > 0.25
 
 
 def xml_scene(folder: Path) -> Path:
@@ -216,7 +207,7 @@ def test_the_map_stays_with_inter_reflection_and_spectra() -> None:
     near = build_scene("map_spheres", GREY, distance=43.0, resolution=24)
     plan = plan_scene(near, "dE=0.2")
     assert plan.on("inter-reflection") and plan.on("environment")
-    assert decision(plan, "environment").why == "comes with inter-reflection"
+    assert plan.decision("environment").why == "comes with inter-reflection"
     alone = plan_scene(near, "dE=0.2", everything=True, without=["environment"])
     assert not alone.on("inter-reflection")
     assert alone.settings["lights"] in COUNTS
@@ -246,7 +237,7 @@ def test_shadows_fade_with_distance_and_can_be_left_out() -> None:
         width = round((distance + 42.0) / 2.0)  # pixels, of about the same size each time
         scene = build_scene("map_spheres", GREY, distance=distance, resolution=width)
         plans.append(plan_scene(scene, "dE=1"))
-    near, apart, far = (decision(plan, "shadowing").bound.value for plan in plans)
+    near, apart, far = (plan.decision("shadowing").bound.value for plan in plans)
     assert near > apart > far
     assert plans[0].on("shadowing") and not plans[2].on("shadowing")
 
@@ -254,7 +245,7 @@ def test_shadows_fade_with_distance_and_can_be_left_out() -> None:
 @pytest.mark.parametrize("name", [pytest.param("map_spheres", marks=SLOW), "hidden_sun"])
 def test_the_bound_of_shadows_holds_under_maps(name: str) -> None:
     scene = build_scene(name, make_bsdf(load_material("yellow_satin")), resolution=32)
-    bound = decision(plan_scene(scene, "dE=1"), "shadowing").bound.value
+    bound = plan_scene(scene, "dE=1").decision("shadowing").bound.value
     exposure = plan_scene(scene, "dE=1").about["exposure"]
     lit = rendering.render(scene, 1024, 1, {"type": "direct", "hide_emitters": True}).image
     integrator = {"type": "simrig_unshadowed", "hide_emitters": True}
@@ -283,7 +274,7 @@ def test_shadows_of_glossy_bodies_far_apart_are_left_out() -> None:
     """The cones say little about narrow lobes; the looked-at pixels do."""
     shiny = make_bsdf(load_material("ward"))
     plan = plan_scene(build_scene("map_spheres", shiny, distance=200.0, resolution=96), "dE=2")
-    assert "unseen ones" in decision(plan, "shadowing").bound.explanation
+    assert "unseen ones" in plan.decision("shadowing").bound.explanation
     assert not plan.on("shadowing")
 
 
@@ -310,7 +301,7 @@ def lamp_scene(blocker_height: float) -> dict:
 def test_area_lights_are_hidden_by_what_is_between_only() -> None:
     between, away = (plan_scene(lamp_scene(y), "dE=1") for y in (70.0, -900.0))
     assert between.on("shadowing")
-    assert decision(away, "shadowing").bound.value < 0.01
+    assert away.decision("shadowing").bound.value < 0.01
     assert not away.on("shadowing")
     exposure = between.about["exposure"]
     lit, open_air = (
@@ -318,7 +309,7 @@ def test_area_lights_are_hidden_by_what_is_between_only() -> None:
         for kind in ("direct", "simrig_unshadowed")
     )
     measured = change(lit, open_air, exposure)
-    assert 1.0 < measured <= decision(between, "shadowing").bound.value
+    assert 1.0 < measured <= between.decision("shadowing").bound.value
 
 
 @SLOW

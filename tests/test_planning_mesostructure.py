@@ -8,9 +8,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
+from planning_scenes import change
 
 from simrig.evaluation import rendering
-from simrig.evaluation.metrics import delta_e_map, foreground_mask
+from simrig.evaluation.metrics import foreground_mask
 from simrig.evaluation.planning import as_planned, plan_scene, planned_render
 from simrig.evaluation.planning.mesostructure import structure_within, structured_materials
 from simrig.evaluation.stimuli_materials import StimulusMaterial
@@ -48,16 +49,12 @@ def floor(bsdf: Any, lamp: dict[str, Any] = _LAMP, **more: Any) -> dict[str, Any
 
 
 def decision(plan: Any) -> Any:
-    return next(d for d in plan.effects if d.effect == "mesostructure")
+    return plan.decision("mesostructure")
 
 
 def picture(scene: Any, plan: Any, spp: int = 64, seed: int = 9) -> np.ndarray:
     with as_planned(scene, plan) as integrator:
         return rendering.render(scene, spp, seed, integrator).image
-
-
-def change(before: np.ndarray, after: np.ndarray, exposure: float) -> float:
-    return float(delta_e_map(before, after, exposure)[foreground_mask(before, after)].mean())
 
 
 @pytest.mark.parametrize("tolerance", [1.0, 50.0])
