@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,8 @@ from simrig.reflectance.btf import BtfStack
 from simrig.reflectance.btf_full import FullBtf
 from simrig.reflectance.btf_grid import PairGrid
 from simrig.reflectance.btf_synthetic import bumps, chessboard
-from simrig.rigs.btf import AUTO, btf_angles, measure_btf
+from simrig.rigs.btf import AUTO, btf_angles
+from simrig.rigs.btf_kept import kept_btf
 
 BUMPS, CHESSBOARD = "bumps", "chessboard-MM"
 _CHESSBOARD = re.compile(r"chessboard-(\d+(?:\.\d+)?)$")
@@ -86,6 +88,8 @@ def stimulus_stack(
     tile_steps: int | None = None,
     orders: int | str = AUTO,
     variant: str = "auto",
+    folder: Path | None = None,
+    progress: Callable[..., None] | None = None,
 ) -> BtfStack:
     """Return the images of a material by its name, or of a file.
 
@@ -98,9 +102,11 @@ def stimulus_stack(
         tile_steps: of the structure that is measured (``build_tile``).
         orders: how often light is reflected at most in a measurement (``measure_btf``).
         variant: Mitsuba variant that measures.
+        folder: for what is measured now, which is read from there the next time (``kept_btf``).
+        progress: of a measurement: called with views done and in total.
 
     Raises:
-        SimrigError: an unknown name, or a file that is none.
+        SimrigError: an unknown name, a file that is none, or a folder with another measurement.
     """
     squares = _CHESSBOARD.match(name)
     if squares:
@@ -110,7 +116,9 @@ def stimulus_stack(
         return bumps((texels, texels), directions=rings)
     if name in PRESETS:
         tile, angles = build_tile(name, resolution=tile_steps), btf_angles(rings)
-        return measure_btf(tile, angles, texels, spp, orders=orders, variant=variant)
+        path = folder and folder / f"{name}.h5"
+        how: dict[str, Any] = {"orders": orders, "variant": variant, "progress": progress}
+        return kept_btf(path, tile, angles, texels, spp, **how)
     if Path(name).is_file():
         return read_btf(Path(name))
     if Path(name).suffix:

@@ -32,6 +32,21 @@ def test_cylinders_become_a_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_material_is_measured_once(tmp_path: Path) -> None:
+    how = ("cylinders", "wood_beech", *SMALL, "--measured", tmp_path / "measured")
+    made(*how, "--output", tmp_path / "first.exr")
+    (file,) = (tmp_path / "measured").iterdir()
+    before = file.stat().st_mtime_ns
+    made(*how, "--output", tmp_path / "second.exr")
+    assert file.stat().st_mtime_ns == before
+    first, second = (read_image(tmp_path / f"{name}.exr") for name in ("first", "second"))
+    np.testing.assert_array_equal(first, second)
+    other = [word if word != "4" else "8" for word in how]
+    said = refused(*other, "--output", tmp_path / "third.exr")
+    assert "another measurement, with other texels" in said
+
+
+@pytest.mark.slow
 def test_an_interrupted_film_goes_on_with_the_missing_frame(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -118,10 +133,10 @@ def test_bad_input_is_refused_and_leaves_nothing(
 def test_a_file_is_not_measured_in_another_way(tmp_path: Path) -> None:
     file = tmp_path / "measured.h5"
     file.touch()
-    for option in (("--texels", "4"), ("--directions", "1")):
+    for option in (("--texels", "4"), ("--directions", "1"), ("--measured", tmp_path)):
         for command, output in (("cylinders", "new.png"), ("rotation", "new")):
             said = refused(command, file, "--output", tmp_path / output, *option)
-            assert "leave out --texels and --directions" in said
+            assert "leave out --texels, --directions and --measured" in said
 
 
 @pytest.mark.parametrize("command", [("cylinders", "bumps"), ("chessboard",), ("room",)])

@@ -122,7 +122,7 @@ def test_what_cannot_be_used_is_refused_before_anything_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bad: str, message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(stimuli_materials, "measure_btf", lambda *_, **__: pytest.fail("measured"))
+    monkeypatch.setattr(stimuli_materials, "kept_btf", lambda *_, **__: pytest.fail("measured"))
     board = chessboard(150.0)
     angles = np.array([[0.2 * i, 0.2 * v, i, v] for i in range(3) for v in range(3)])[:7]
     values = np.zeros((7, *board.values.shape[1:]), dtype=np.float16)

@@ -23,14 +23,12 @@ Source: thesis section 6.3.5, Figures 6.17 and 6.18.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simrig import backend
-from simrig.data.btf_hdf5 import read_btf
 from simrig.data.images import to_srgb8
 from simrig.directions.schemes import HemisphereScheme, Ring, hemisphere_81
 from simrig.directions.spherical import to_vector
@@ -54,6 +52,7 @@ from simrig.reconstruction.gantry_texels import texel_method
 from simrig.reflectance.btf import BtfStack
 from simrig.reflectance.btf_full import FullBtf
 from simrig.rigs.btf import btf_angles, measure_btf, stack_bytes
+from simrig.rigs.btf_kept import kept_btf
 from simrig.rigs.timing import GANTRY_TIMING, UTIA_TIMING
 from simrig.sampling.gantry import GantryPlan
 from simrig.scenes import build_scene
@@ -124,8 +123,8 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
     tile = build_tile(cell["material"])
     settings = {"resolution": config["texels"], "spp": config["spp"], "orders": config["orders"]}
     files = [kept and kept / f"{cell['material']}{part}.h5" for part in ("", "-slices")]
-    truth = _measured(tile, btf_angles(_scheme(config)), settings, files[0])
-    images = _measured(tile, _PLAN.angles(), settings, files[1])
+    truth = kept_btf(files[0], tile, btf_angles(_scheme(config)), **settings)
+    images = kept_btf(files[1], tile, _PLAN.angles(), **settings)
     reference = _rendered(truth, config["picture"])
     exposure, mask = display_exposure(reference), foreground_mask(reference)
     seen = _nearest(truth.angles, config["seen_deg"])
@@ -172,18 +171,6 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
             per_texel = seconds / np.prod(truth.resolution)
             rows.append(_beside_exact(images, truth.angles, config["exact_texels"], per_texel))
     return rows
-
-
-def _measured(
-    tile: Any, angles: np.ndarray, settings: Mapping[str, Any], file: Path | None
-) -> BtfStack:
-    """Return a measured BTF, from its file where it has been measured before."""
-    if file is None:
-        return measure_btf(tile, angles, **settings)
-    if not file.is_file():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        measure_btf(tile, angles, **settings, path=file)
-    return read_btf(file)
 
 
 def _scheme(config: Config) -> HemisphereScheme:

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -98,15 +99,20 @@ def cells(config: Config) -> list[dict[str, Any]]:
     return [{"scene": "room"}]
 
 
-def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
-    """Measure the materials, render the three forms, compare and time them.
+def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[str, Any]]:
+    """Measure the materials, render the forms, compare and time them.
+
+    Args:
+        config: the configuration.
+        cell: the room.
+        kept: a folder for the measured BTFs; in memory otherwise.
 
     Returns:
         Rows of three kinds: ``form`` (seconds and PSNR), ``part`` (its distance) and ``picture``
         (a PNG as base64).
     """
     variant = backend.select("auto")
-    scene = _room(config, variant)
+    scene = _room(config, variant, kept)
     clock = stopwatch()
     planned = planned_distances_mm(scene, config["tolerance"])
     planning_seconds = clock()
@@ -194,7 +200,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _room(config: Config, variant: str) -> Room:
+def _room(config: Config, variant: str, kept: Path | None) -> Room:
     rings = HemisphereScheme.from_rings("study", (Ring(t, int(n)) for t, n in config["rings"]))
     materials = room_materials(
         config["materials"],
@@ -204,6 +210,7 @@ def _room(config: Config, variant: str) -> Room:
         tile_steps=config["tile_steps"],
         orders=config["orders"],
         variant=variant,
+        folder=kept,
     )
     distances = distances_mm(config["distances"], materials)
     return Room(materials, distances, config["resolution"], config["spp"])
@@ -272,4 +279,5 @@ STUDY = Study(
     summarise=summarise,
     table=table,
     plots=plots,
+    keeps=True,
 )

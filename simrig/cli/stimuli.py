@@ -39,6 +39,10 @@ _Directions = Annotated[
     str | None,
     typer.Option(help="Of a BTF that is measured now; as of 'simrig btf measure' (81x81)."),
 ]
+_Measured = Annotated[
+    Path | None,
+    typer.Option(help="A folder that keeps what is measured now; read from there the next time."),
+]
 _TEXELS, _ALL_DIRECTIONS = 64, "81x81"
 _Seed = Annotated[int, typer.Option(min=0, help="Of the samples.")]
 _Force = Annotated[bool, typer.Option("--force", help="Replace existing output.")]
@@ -63,14 +67,15 @@ def cylinders(
     rotation: _Rotation = 0.0,
     texels: _Texels = None,
     directions: _Directions = None,
+    measured: _Measured = None,
     seed: _Seed = 0,
     force: _Force = False,
 ) -> frame.Report:
     """Render a material on the receding cylinders: BRDF above, BTF below."""
     _check_suffix(output)
-    measured = _measured_now(material, texels, directions)
+    how = _measured_now(material, texels, directions, measured)
     with output_file(output, force) as temporary:
-        stimulus = _stimulus(material, experiment, resolution, spp, rotation, **measured)
+        stimulus = _stimulus(material, experiment, resolution, spp, rotation, **how)
         with frame.progress("cylinders") as report:
             result = stimulus.picture(seed, report)
         exposure = _write(temporary, output, result, material)
@@ -88,6 +93,7 @@ def rotation(
     rotation: _Rotation = 0.0,
     texels: _Texels = None,
     directions: _Directions = None,
+    measured: _Measured = None,
     exr: _Exr = False,
     force: _Force = False,
 ) -> frame.Report:
@@ -97,14 +103,14 @@ def rotation(
     if not 0.0 < seconds < math.inf:
         raise SimrigError(f"a film needs at least one frame and an end, got {seconds:g} seconds")
     count = math.ceil(seconds * FRAMES_PER_SECOND)
-    measured = _measured_now(material, texels, directions)
+    how = _measured_now(material, texels, directions, measured)
     request = {
         "material": material,
         **({"changed": Path(material).stat().st_mtime_ns} if Path(material).is_file() else {}),
         "options": [speed, patch, resolution, spp, rotation, texels, directions, exr],
     }
     with output_folder(output, force, request) as folder:
-        stimulus = _stimulus(material, "B", resolution, spp, rotation, patch, **measured)
+        stimulus = _stimulus(material, "B", resolution, spp, rotation, patch, **how)
         with frame.progress("frames") as report:
             made = write_frames(stimulus, folder, count, speed, ".exr" if exr else ".png", report)
     data = {"folder": output, "frames": count, "rendered": made}
@@ -158,6 +164,7 @@ def room_command(
         int, typer.Option(min=1, help="Along x, of BTFs that are measured now.")
     ] = 32,
     directions: _Directions = None,
+    measured: _Measured = None,
     seed: _Seed = 0,
     force: _Force = False,
 ) -> frame.Report:
@@ -182,7 +189,9 @@ def room_command(
     with output_file(output, force) as temporary:
         backend.select()
         with frame.progress("materials") as report:
-            materials = room_materials(names, report, texels=texels, directions=listed)
+            materials = room_materials(
+                names, report, texels=texels, directions=listed, folder=measured
+            )
         switch: dict[str, float] = {}
         if distance is not None:
             switch = dict.fromkeys(ROOM_PARTS, 1000.0 * distance)
@@ -195,12 +204,16 @@ def room_command(
     return _report(output, result, {"form": form, "exposure": exposure, "distances_mm": switch})
 
 
-def _measured_now(material: str, texels: int | None, directions: str | None) -> dict[str, Any]:
+def _measured_now(
+    material: str, texels: int | None, directions: str | None, folder: Path | None
+) -> dict[str, Any]:
     """Return how a material is measured; refuse to say so of a file that was measured before."""
-    if Path(material).is_file() and (texels, directions) != (None, None):
-        raise SimrigError(f"'{material}' is measured: leave out --texels and --directions")
+    if Path(material).is_file() and (texels, directions, folder) != (None, None, None):
+        raise SimrigError(
+            f"'{material}' is measured: leave out --texels, --directions and --measured"
+        )
     scheme = named_scheme(directions or _ALL_DIRECTIONS)
-    return {"texels": texels or _TEXELS, "directions": scheme}
+    return {"texels": texels or _TEXELS, "directions": scheme, "folder": folder}
 
 
 def _stimulus(
@@ -219,7 +232,8 @@ def _stimulus(
 
     cylinder_row(experiment)  # a wrong one is refused before anything is measured
     backend.select()
-    stack = stimulus_stack(material, **options)
+    with frame.progress("measurement") as report:
+        stack = stimulus_stack(material, progress=report, **options)
     shown = StimulusMaterial(stack)
     return CylinderStimulus(shown, experiment, resolution, spp, rotation, patch)
 
