@@ -139,6 +139,16 @@ def gather_colour(source: Array, index: Array, like: Array, active: Array = True
     return dr.gather(vector_type(type(source)), source, index, active)
 
 
+def gather_four(source: Array, index: Array, active: Array = True) -> tuple[Array, ...]:
+    """Read group number ``index`` of four numbers of a flat array, at once; each of shape (...)."""
+    if is_numpy(index):
+        four = source.reshape(-1, 4)[index]
+        return tuple(four[..., k] for k in range(4))
+    if isinstance(index, int):
+        return tuple(float(source[4 * index + k]) for k in range(4))
+    return tuple(dr.gather(array_type(type(source), 4), source, index, active))
+
+
 def where_colour(mask: Array, colour: Array) -> Array:
     """Return the colour where ``mask`` is true and black elsewhere."""
     if is_numpy(colour):

@@ -22,7 +22,7 @@ from simrig.arrays import (
     components,
     float_type,
     gather,
-    gather_colour,
+    gather_four,
     is_numpy,
     namespace,
     to_device,
@@ -32,6 +32,7 @@ from simrig.errors import SimrigError
 
 _GRID = 64  # cells of the table of first guesses, per axis
 _OUTSIDE = -1e-6  # barycentric coordinates above it count as inside
+_ROWS = 4  # of four numbers per triangle: a row and a node for each coordinate, the neighbours
 _MOST_STEPS = 64  # of the walk; rounding on an edge could make it turn back and forth
 _SAME = 1e-9  # squared distance of directions that are one
 
@@ -71,11 +72,13 @@ class HemisphereTriangulation:
         corners, number = _with_horizon(self.nodes)
         simplices, neighbours = _hull(corners)
         self.triangles = number[simplices]
-        # transposed inverse: row k of a triangle gives its coordinate k of a direction
-        inverse = np.linalg.inv(corners[simplices]).transpose(0, 2, 1)
-        self._tables = {"inverse": inverse, "triangles": self.triangles, "neighbours": neighbours}
-        self._tables["guess"] = np.zeros(_GRID**2, dtype=np.int64)
-        self._tables["guess"] = self._walk(_cell_centres(), self.tables(np.ndarray))
+        rows = np.zeros((len(simplices), _ROWS, 4))
+        # row k of the transposed inverse gives coordinate k of a direction; its node stands beside
+        rows[:, :3, :3] = np.linalg.inv(corners[simplices]).transpose(0, 2, 1)
+        rows[:, :3, 3], rows[:, 3, :3] = self.triangles, neighbours
+        self._tables = {"rows": rows, "guess": np.zeros(_GRID**2, dtype=np.int64)}
+        centres = self._walk(_cell_centres(), self.tables(np.ndarray))
+        self._tables["guess"] = centres.triangle
         self.__dict__.pop("_device")
 
     def tables(self, kind: type) -> Mapping[str, Array]:
@@ -99,16 +102,17 @@ class HemisphereTriangulation:
         """
         tables = self.tables(float_type(direction)) if tables is None else tables
         still = direction if is_numpy(direction) else dr.detach(direction)
-        triangle = self._walk(still, tables)
-        coordinates = _coordinates(direction, triangle, tables)
-        xp = namespace(coordinates[0])
-        weights = [xp.maximum(w, 0.0) for w in coordinates]
+        found = self._walk(still, tables)
+        if not is_numpy(direction) and dr.grad_enabled(direction):
+            found = _in_triangle(direction, found.triangle, tables)
+        xp = namespace(found.coordinates[0])
+        weights = [xp.maximum(w, 0.0) for w in found.coordinates]
         total = weights[0] + weights[1] + weights[2]
         share = 1.0 / xp.select(total > 0.0, total, 1.0)
-        a, b, c = (to_index(gather(tables["triangles"], triangle * 3 + k)) for k in range(3))
+        a, b, c = (to_index(node) for node in found.nodes)
         return Place((a, b, c), (weights[0] * share, weights[1] * share, weights[2] * share))
 
-    def _walk(self, direction: Array, tables: Mapping[str, Array]) -> Array:
+    def _walk(self, direction: Array, tables: Mapping[str, Array]) -> _Found:
         """Return the triangle of directions: from a guess across the edges that they are beyond."""
         x, y, z = components(direction)
         xp = namespace(x)
@@ -116,54 +120,59 @@ class HemisphereTriangulation:
         row, column = (_cell(c * reach) for c in (y, x))
         triangle = to_index(gather(tables["guess"], row * _GRID + column))
 
-        def step(triangle: Array) -> tuple[Array, Array]:
-            a, b, c = _coordinates(direction, triangle, tables)
+        def step(triangle: Array) -> tuple[_Found, Array, Array]:
+            found = _in_triangle(direction, triangle, tables)
+            a, b, c = found.coordinates
             worst = xp.select(a <= b, xp.select(a <= c, 0, 2), xp.select(b <= c, 1, 2))
-            low = xp.minimum(a, xp.minimum(b, c))
-            beyond = low < _OUTSIDE
-            if is_numpy(worst):
-                following = tables["neighbours"][triangle * 3 + worst]
-            else:
-                edge = triangle * 3 + type(triangle)(worst)
-                following = to_index(gather(tables["neighbours"], edge))
-            return beyond, xp.select(beyond, following, triangle)
+            beyond = xp.minimum(a, xp.minimum(b, c)) < _OUTSIDE
+            if not is_numpy(worst):
+                worst = type(triangle)(worst)
+            across = triangle * (4 * _ROWS) + (12 + worst)
+            following = to_index(gather(tables["rows"], across, beyond))
+            return found, beyond, xp.select(beyond, following, triangle)
 
         if dr.is_jit_v(x):
-            return _walk_jit(step, triangle)
+            return _walk_jit(step, triangle, type(x))
         for _ in range(_MOST_STEPS):
-            beyond, triangle = step(triangle)
+            found, beyond, triangle = step(triangle)
             if not np.any(beyond):
                 break
-        return triangle
+        return found
 
 
-def _walk_jit(step: Any, triangle: Any) -> Any:
-    mask = dr.mask_t(triangle)
+@dataclass(frozen=True)
+class _Found:
+    """A triangle, the coordinates of a direction in it, not normalised, and its nodes."""
 
-    def body(triangle: Any, walking: Any, steps: Any) -> tuple[Any, Any, Any]:
-        walking, triangle = step(triangle)
-        return triangle, walking & (steps > 1), steps - 1
+    triangle: Array
+    coordinates: tuple[Array, Array, Array]
+    nodes: tuple[Array, Array, Array]
 
-    return dr.while_loop(
-        state=(triangle, mask(True), type(triangle)(_MOST_STEPS)),
-        cond=lambda triangle, walking, steps: walking,
+
+def _walk_jit(step: Any, triangle: Any, number: Any) -> _Found:
+    def body(next_one: Any, walking: Any, steps: Any, *_: Any) -> tuple[Any, ...]:
+        found, beyond, following = step(next_one)
+        walking = beyond & (steps > 1)
+        return following, walking, steps - 1, found.triangle, *found.coordinates, *found.nodes
+
+    names = ("triangle", *(f"{part} {k}" for part in ("coordinate", "node") for k in range(3)))
+    start = (triangle, dr.mask_t(triangle)(True), type(triangle)(_MOST_STEPS), type(triangle)(0))
+    _, _, _, last, *numbers = dr.while_loop(
+        state=(*start, *(number(0.0) for _ in range(6))),
+        cond=lambda next_one, walking, *_: walking,
         body=body,
-        labels=("triangle", "walking", "steps"),
+        labels=("next", "walking", "steps", *names),
         label="walk over the triangulation",
-    )[0]
+    )
+    return _Found(last, tuple(numbers[:3]), tuple(numbers[3:]))
 
 
-def _coordinates(
-    direction: Array, triangle: Array, tables: Mapping[str, Array]
-) -> tuple[Array, Array, Array]:
-    """Return the three coordinates of directions in triangles, not normalised."""
+def _in_triangle(direction: Array, triangle: Array, tables: Mapping[str, Array]) -> _Found:
     x, y, z = components(direction)
-    weights = []
-    for corner in range(3):
-        row = gather_colour(tables["inverse"], triangle * 3 + corner, direction)
-        rx, ry, rz = components(row)
-        weights.append(rx * x + ry * y + rz * z)
-    return weights[0], weights[1], weights[2]
+    rows = [gather_four(tables["rows"], triangle * _ROWS + corner) for corner in range(3)]
+    a, b, c = (rx * x + ry * y + rz * z for rx, ry, rz, _ in rows)
+    first, second, third = (row[3] for row in rows)
+    return _Found(triangle, (a, b, c), (first, second, third))
 
 
 def _cell(coordinate: Array) -> Array:
