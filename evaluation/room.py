@@ -10,9 +10,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from simrig.effects import parse_tolerance
 from simrig.errors import SimrigError, unknown_name
 from simrig.evaluation.planning import plan_scene
 from simrig.evaluation.planning.mesostructure import structured_materials
+from simrig.evaluation.planning.planner import LEFT_OUT_SHARE
 from simrig.evaluation.rendering import load, render
 from simrig.evaluation.stimuli_materials import StimulusMaterial, stimulus_stack
 from simrig.evaluation.structure_look import btf_stimulus, element_of_preset, look
@@ -159,8 +161,8 @@ def predicted_distances_mm(
 def planned_distances_mm(scene: Room, tolerance: str) -> dict[str, float]:
     """Return how far the structure of each part has to be seen for a tolerance, in mm.
 
-    The planner of effects says it of the room in direct light (``planning.mesostructure``). Half of
-    the tolerance is for structure that is left out.
+    The planner of effects says it of the room in direct light (``planning.mesostructure``). All of
+    the tolerance is for structure, as between pictures of the same samples.
 
     Args:
         scene: the room.
@@ -168,7 +170,8 @@ def planned_distances_mm(scene: Room, tolerance: str) -> dict[str, float]:
     """
     bsdfs = {part: scene.bsdf(part, "btf") for part in ROOM_PARTS}
     loaded = load(room(bsdfs, scene.resolution))
-    plan = plan_scene(loaded, tolerance, force=["shadowing"], without=["inter-reflection"])
+    allowed = parse_tolerance(tolerance).times(1.0 / LEFT_OUT_SHARE)
+    plan = plan_scene(loaded, allowed, force=["shadowing"], without=["inter-reflection"])
     within = plan.settings.get("structure_within_mm", {})
     materials = structured_materials(loaded)
     planned = {materials[name]: distance for name, distance in within.items()}

@@ -58,7 +58,7 @@ class Tolerance:
         return self.value
 
     def times(self, share: float) -> Tolerance:
-        """Return the tolerance that allows ``share`` (0 to 1) of the change."""
+        """Return the tolerance that allows ``share`` of the change."""
         if self.metric == "psnr":
             return Tolerance(self.metric, self.value - 20.0 * math.log10(share))
         return Tolerance(self.metric, self.value * share)

@@ -166,7 +166,7 @@ def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
     for form in forms.values():
         low, high = form["range_seconds"]
         assert 0.0 < low <= form["seconds"] <= high and form["tracing_seconds"] > 0.0
-    # the planner keeps its word: half of 58.6 dB's error is for structure
+    # the planner keeps its word
     planned = forms["planned"]
     assert planned["psnr"] is None or planned["psnr"] >= 58.6
     assert planned["planning_seconds"] > 0.0 and 0.0 <= planned["far_share"] < 1.0
