@@ -116,7 +116,7 @@ class Pictures:
     def _many_delta_lights(self, scene: Any) -> bool:
         emitters = scene.emitters()
         delta = all(mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in emitters)
-        return len(emitters) > 1 and delta and "scalar" not in str(mi.variant())
+        return len(emitters) > 1 and delta
 
 
 def _with_exact_direct_light(

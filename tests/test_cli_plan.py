@@ -50,6 +50,13 @@ def test_a_person_sees_the_table() -> None:
         assert word in shown
 
 
+@pytest.mark.parametrize("command", [("plan", "sphere"), ("render", "--output", "x.exr")])
+def test_scalar_variants_are_not_planned(command: tuple[str, ...]) -> None:
+    said = refusal(*command, *SMALL, "--material", "wood01", "--variant", "scalar_rgb")
+    assert "plan in an llvm or cuda variant, or render with --spp and --integrator" in said
+    assert not list(Path().iterdir())
+
+
 def test_a_scene_file_is_planned_like_a_named_scene() -> None:
     Path("scene.xml").write_text(SCENE)
     plan = done("plan", "scene.xml")

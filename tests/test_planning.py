@@ -300,6 +300,12 @@ def test_a_scene_without_camera_or_of_another_kind_is_refused() -> None:
         plan_scene(3, "dE=1")
 
 
+def test_scalar_variants_are_not_planned() -> None:
+    for variant in ("scalar_rgb", "scalar_spectral"):
+        with pytest.raises(SimrigError, match=f"'{variant}' traces one ray .* --spp and --integ"):
+            plan_scene(lambda: simple(s={"type": "sphere"}, e=POINT), "dE=1", variant=variant)
+
+
 def test_a_plan_is_reproducible() -> None:
     first, second = (plan_scene(named("four_spheres", "wood01"), "dE=0.5") for _ in range(2))
     assert first.settings == second.settings

@@ -10,7 +10,6 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -210,7 +209,7 @@ def _kept_by(subject: SceneSubject, on: dict[str, bool]) -> str:
 def obstacle(subject: SceneSubject) -> str:
     """Return what keeps directional lights from standing for a scene's map; empty for nothing."""
     survey = subject.survey
-    if mi.is_spectral or mi.is_polarized or not dr.is_jit_v(mi.Float):
+    if mi.is_spectral or mi.is_polarized:
         return f"directional lights are RGB; the variant is '{mi.variant()}'"
     if len(survey.delta_lights) + 1 < len(survey.emitters):
         return "the lights beside the map have to be sampled, so the map is sampled with them"

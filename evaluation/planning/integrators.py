@@ -41,10 +41,9 @@ def direct_integrator(
         }
     emitters = scene.emitters()
     delta = all(mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in emitters)
-    scalar = "scalar" in str(mi.variant())
-    if delta and not scalar and (len(emitters) > 1 or not shadows):
+    if delta and (len(emitters) > 1 or not shadows):
         return {"type": "simrig_all_lights", "shadows": shadows}
-    if not (delta or shadows or scalar):
+    if not (delta or shadows):
         return {
             "type": "simrig_unshadowed",
             "bsdf_sampling": bsdf_sampling,

@@ -93,13 +93,18 @@ def plan_scene(
         planning; compilation apart.
 
     Raises:
-        SimrigError: a scene that cannot be built, an unknown effect or tolerance, or overrides
-            that contradict each other.
+        SimrigError: a scene that cannot be built, a scalar variant, an unknown effect or
+            tolerance, or overrides that contradict each other.
     """
     tolerance = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
     overrides = checked_overrides(force, without, everything)
     source = scene_source_in(scene, variant)
     first_variant = backend.current()
+    if first_variant.startswith("scalar"):
+        raise SimrigError(
+            f"'{first_variant}' traces one ray at a time, too slow for a look at a scene: plan in "
+            "an llvm or cuda variant, or render with --spp and --integrator"
+        )
     try:
         _select_variant(source, overrides)
         with rendering.timed() as clock:
