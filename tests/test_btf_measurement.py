@@ -38,10 +38,13 @@ def flat(bsdf: dict, z: float = 0.0, colours: np.ndarray | None = None) -> Tile:
     return tile_of(surface(GRID, np.full(GRID.shape, z), bsdf, colours))
 
 
-def waves(albedo: float = 0.9, depth: float = 0.5) -> Tile:
-    x, y = 2.0 * np.pi * GRID.x / 2.0, 2.0 * np.pi * GRID.y / 2.0
-    height = 0.5 * depth * np.sin(x) * np.cos(y) - 0.25
-    return tile_of(surface(GRID, height, diffuse((albedo, 0.5 * albedo, albedo))))
+def waves(albedo: float = 0.9, depth: float = 0.5, scale: float = 1.0) -> Tile:
+    side = 2.0 * scale
+    grid = Grid((side, side), 24, 24)
+    x, y = 2.0 * np.pi * grid.x / side, 2.0 * np.pi * grid.y / side
+    height = scale * (0.5 * depth * np.sin(x) * np.cos(y) - 0.25)
+    bsdf = diffuse((albedo, 0.5 * albedo, albedo))
+    return tile_of(surface(grid, height, bsdf), size=(side, side))
 
 
 def pairs(*degrees: tuple[float, float, float, float]) -> np.ndarray:
@@ -238,6 +241,19 @@ def test_lights_that_cannot_cast_shadows_are_known() -> None:
     lights = to_vector(theta, np.zeros(4))
     assert shadowed_lights(tile, lights).tolist() == [False, False, True, True]
     assert shadowed_lights(wall(0.5), lights).all()
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_the_size_does_not_matter(scale: float) -> None:
+    """Rays that start too far from a surface let light into the valleys of small tiles."""
+    angles = pairs((60, 30, 10, 40), (55, 60, 10, 200), (0, 60, 0, 90))
+    small, usual = (
+        measured(waves(depth=1.0, scale=s), angles, resolution=16, spp=16, orders=2)
+        for s in (scale, 1.0)
+    )
+    np.testing.assert_allclose(
+        small.mean(axis=(1, 2, 3)), usual.mean(axis=(1, 2, 3)), rtol=1e-3, atol=0.0
+    )
 
 
 def test_an_interrupted_measurement_goes_on_to_the_same_bits(tmp_path) -> None:

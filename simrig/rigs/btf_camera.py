@@ -18,7 +18,7 @@ import numpy as np
 from simrig.arrays import aligned
 from simrig.errors import SimrigError
 from simrig.mesostructure.tile import Tile
-from simrig.rigs.btf_shadows import shadow_grid, shadowed_lights
+from simrig.rigs.btf_shadows import clearance, leaving, shadow_grid, shadowed_lights
 from simrig.scenes.tile import periods_for, tile_shapes
 
 # the overloads of their stubs would keep mypy busy for minutes, in the loops below
@@ -86,6 +86,7 @@ class TileCamera:
         self.periods = (max(around[0], 2), max(around[1], 2))
         self.scene = mi.load_dict({"type": "scene", **tile_shapes(tile, self.periods)})
         self.shadowed = shadowed_lights(tile, lights)
+        self._off = clearance(tile)
         rays = float(len(lights)) * views * resolution[0] * resolution[1] * spp
         self.grid = shadow_grid(tile, self.scene, lights, self.shadowed, rays) if grid else None
         self._lights = [mi.Float(aligned(np.asarray(c, dtype=np.float32))) for c in lights.T]
@@ -200,7 +201,7 @@ class TileCamera:
         one, two = (self._uniforms(index, number, 2 * order + k) for k in (0, 1))
         active = si.is_valid()
         drawn, value = si.bsdf().sample(mi.BSDFContext(), si, one[0], mi.Point2f(*two), active)
-        ray = si.spawn_ray(si.to_world(drawn.wo))
+        ray = leaving(si, si.to_world(drawn.wo), self._off)
         active &= dr.any(value > 0.0)
         weight = value if weight is None else weight * value
         following = self._hit(ray.o, ray.d, active)
@@ -254,10 +255,13 @@ class TileCamera:
         """Return whether lights reach points."""
         if self.grid is None:
             doubtful = at.is_valid() & casts
-            return ~doubtful | ~self.scene.ray_test(at.spawn_ray(towards), doubtful)
+            return ~doubtful | ~self._shadowed(at, towards, doubtful)
         lit, doubtful = self.grid.at(self.tile, at.p, light)
         doubtful &= at.is_valid() & casts
-        return lit | (doubtful & ~self.scene.ray_test(at.spawn_ray(towards), doubtful))
+        return lit | (doubtful & ~self._shadowed(at, towards, doubtful))
+
+    def _shadowed(self, at: Any, towards: Any, active: Any) -> Any:
+        return self.scene.ray_test(leaving(at, towards, self._off), active)
 
 
 def _fraction(value: Any) -> Any:

@@ -24,6 +24,7 @@ _BITS = 32
 _FINER = 2.0  # grid points per side of a triangle
 _LEAST, _MOST = 64, 2048  # grid points along the longer side
 _MOST_BYTES = 1 << 28
+_OFF = 2.0**-19  # of a tile's size: where rays start that leave its surface
 _WORTH = 0.5  # of the shadow rays that a grid may take and still be made
 
 
@@ -86,6 +87,27 @@ def shadowed_lights(tile: Tile, lights: np.ndarray) -> np.ndarray:
     return np.array([bool((normals @ light).min() < 1e-4) for light in lights])
 
 
+def clearance(tile: Tile) -> Any:
+    """Return how far from the surface of a tile the rays of ``leaving`` start, in mm.
+
+    It is 2e-6 of its size; rays that start at a tenth of that meet the surface itself. Mitsuba's
+    ``spawn_ray`` starts 9e-5 (1 + |p|) off, whatever the unit: light passes where yarns touch,
+    which made cloth 1 % too bright.
+    """
+    return dr.opaque(mi.Float, _OFF * max(*tile.size_mm, -tile.height_mm[0], tile.height_mm[1]))
+
+
+def leaving(si: Any, direction: Any, off: Any) -> Any:
+    """Return rays that leave a surface.
+
+    Args:
+        si: where.
+        direction: unit vectors.
+        off: how far from the surface they start.
+    """
+    return mi.Ray3f(si.p + dr.mulsign(off, dr.dot(si.n, direction)) * si.n, direction)
+
+
 def shadow_grid(
     tile: Tile, scene: Any, lights: np.ndarray, shadowed: np.ndarray, rays: float
 ) -> ShadowGrid | None:
@@ -137,18 +159,18 @@ def _traced(
         return np.full(counts[0] * counts[1], free, dtype=np.uint32)
     towards = [mi.Float(aligned(np.asarray(c, dtype=np.float32))) for c in lights[numbers].T]
     bits = mi.UInt32(aligned(numbers.astype(np.uint32)))
-    return np.array(_lit(scene, si, towards, bits, dr.opaque(mi.UInt32, len(numbers)))) | np.uint32(
-        free
-    )
+    count = dr.opaque(mi.UInt32, len(numbers))
+    words = _lit(scene, clearance(tile), si, towards, bits, count)
+    return np.array(words) | np.uint32(free)
 
 
 @dr.syntax
-def _lit(scene: Any, si: Any, towards: list[Any], bits: Any, count: Any) -> Any:
+def _lit(scene: Any, off: Any, si: Any, towards: list[Any], bits: Any, count: Any) -> Any:
     """Return the bits of the lights that reach points, one word per point."""
     word, number = mi.UInt32(0), mi.UInt32(0)
     while number < count:
         light = mi.Vector3f(*[dr.gather(mi.Float, c, number) for c in towards])
-        dark = scene.ray_test(si.spawn_ray(light))
+        dark = scene.ray_test(leaving(si, light, off))
         bit = mi.UInt32(1) << dr.gather(mi.UInt32, bits, number)
         word |= dr.select(dark, mi.UInt32(0), bit)
         number += 1
