@@ -129,6 +129,10 @@ def period_sensor(
     across = np.array([-0.5 * width, 0.0, 0.0])
     up = np.array([0.0, 0.5 * height * size[0] / size[1], 0.0])
     origin = np.array([0.5 * width, 0.5 * height, 0.0]) + above / view[2] * view
+    # whole periods away, so that rays meet the material near the middle tile: Mitsuba's offsets of
+    # rays grow with the distance from the origin, and let light past contacts
+    entered = max(tile.height_mm[1], 0.0) / view[2] * view[:2]
+    origin[:2] -= np.round(entered / tile.size_mm) * tile.size_mm
     to_world = np.eye(4)
     to_world[:3] = np.column_stack([across, up, -view, origin])
     sampler: dict[str, Any] = {"type": "independent"}
