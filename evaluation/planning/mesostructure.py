@@ -46,10 +46,11 @@ def structure_within(scene: Any, distances_mm: Mapping[str, float] | None) -> It
         yield
         return
     found = structured_materials(scene)
-    before = {bsdf: bsdf.within_mm for name, bsdf in found.items() if name in distances_mm}
+    within = {bsdf: distances_mm[name] for name, bsdf in found.items() if name in distances_mm}
+    before = {bsdf: bsdf.within_mm for bsdf in within}
     try:
-        for name, bsdf in found.items():
-            bsdf.show_structure_within(distances_mm.get(name, bsdf.within_mm))
+        for bsdf, distance in within.items():
+            bsdf.show_structure_within(distance)
         yield
     finally:
         for bsdf, distance in before.items():

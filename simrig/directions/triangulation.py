@@ -127,7 +127,7 @@ class HemisphereTriangulation:
             beyond = xp.minimum(a, xp.minimum(b, c)) < _OUTSIDE
             if not is_numpy(worst):
                 worst = type(triangle)(worst)
-            across = triangle * (4 * _ROWS) + (12 + worst)
+            across = (triangle * _ROWS + 3) * 4 + worst
             following = to_index(gather(tables["rows"], across, beyond))
             return found, beyond, xp.select(beyond, following, triangle)
 

@@ -90,9 +90,9 @@ def shadowed_lights(tile: Tile, lights: np.ndarray) -> np.ndarray:
 def clearance(tile: Tile) -> Any:
     """Return how far from the surface of a tile the rays of ``leaving`` start, in mm.
 
-    It is 2e-6 of its size; rays that start at a tenth of that meet the surface itself. Mitsuba's
-    ``spawn_ray`` starts 9e-5 (1 + |p|) off, whatever the unit: light passes where yarns touch,
-    which made cloth 1 % too bright.
+    It is 2e-6 of its size; rays that start at a thirtieth of that meet the surface itself.
+    Mitsuba's ``spawn_ray`` starts 9e-5 (1 + |p|) off, whatever the unit: light passes where yarns
+    touch, which made cloth 1 % too bright.
     """
     return dr.opaque(mi.Float, _OFF * max(*tile.size_mm, -tile.height_mm[0], tile.height_mm[1]))
 
