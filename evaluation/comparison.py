@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from rich.table import Table
 
-from simrig.evaluation import metrics
-from simrig.evaluation.angular_grid import CHANNELS, AngularGrid, grid_sums
-from simrig.evaluation.mre import RelativeError, relative_error
-from simrig.reflectance.protocol import Reflectance
+from simrig.brdf.protocol import Reflectance
+from simrig.evaluation.metrics import images as metrics
+from simrig.evaluation.metrics.angular_grid import CHANNELS, AngularGrid, grid_sums
+from simrig.evaluation.metrics.mre import RelativeError, relative_error
 
 
 @dataclass(frozen=True)
@@ -246,7 +246,7 @@ def compare_reflectances(
         step_deg, theta_max_deg: see ``AngularGrid``.
 
     Raises:
-        SimrigError: see ``simrig.evaluation.mre.mre_exact``.
+        SimrigError: see ``simrig.evaluation.metrics.mre.mre_exact``.
     """
     grid = AngularGrid(step_deg, theta_max_deg)
     sums = grid_sums(truth, approximation, grid, squares=True, log_floor=metrics.LOG_FLOOR)

@@ -15,13 +15,13 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.arrays import Array, to_device
-from simrig.errors import SimrigError
+from simrig.brdf.protocol import Reflectance
+from simrig.core.arrays import Array, to_device
+from simrig.core.errors import SimrigError
+from simrig.plugins.importance_sampling import fit_mixture, fitted
 from simrig.plugins.lobes import Lobe, Mixture, mixture_pdf, sample_mixture
 from simrig.plugins.named import number
-from simrig.plugins.sampling import fit_mixture, fitted
 from simrig.plugins.spectral import Upsampler
-from simrig.reflectance.protocol import Reflectance
 
 _TOLERATED_CHANGE = 0.1  # of an array under optimisation before the sampling is fitted again
 

@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.plugins.variants import check_vectorised
 
 _COLUMNS = 6  # of a row of ``lights``: direction and irradiance

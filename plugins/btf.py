@@ -9,15 +9,15 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.errors import SimrigError, unknown_name
+from simrig.btf.factored import TOLERANCE, FactoredBtf
+from simrig.btf.full import BUDGET_BYTES, OVER_BUDGET, FullBtf
+from simrig.btf.grid import MISSING
+from simrig.btf.mipmap import MOST_PROBES
+from simrig.btf.spatial import SpatialReflectance
+from simrig.core.errors import SimrigError, unknown_name
 from simrig.plugins.adapter import to_number
 from simrig.plugins.footprint import Cone
 from simrig.plugins.named import number, resolved
-from simrig.reflectance.btf_factored import TOLERANCE, FactoredBtf
-from simrig.reflectance.btf_full import BUDGET_BYTES, OVER_BUDGET, FullBtf
-from simrig.reflectance.btf_grid import MISSING
-from simrig.reflectance.pyramid import MOST_PROBES
-from simrig.reflectance.spatial import SpatialReflectance
 
 FORMS = ("full", "factored")
 _KEPT = 4  # files whose tables stay in memory for the next scene
@@ -131,8 +131,8 @@ def define_btf(adapter: type) -> type:
 @lru_cache(maxsize=_KEPT)
 def _loaded(path: Path, changed: int, options: tuple[tuple[str, Any], ...]) -> SpatialReflectance:
     """Return the reflectance of a file, read once; its time of change is part of the key."""
-    from simrig.data.btf_hdf5 import read_btf
-    from simrig.data.hdf5 import content_of, read_reflectance
+    from simrig.files.btf.hdf5 import read_btf
+    from simrig.files.hdf5 import content_of, read_reflectance
 
     chosen = dict(options)
     form, tolerance = chosen.pop("form"), chosen.pop("tolerance")

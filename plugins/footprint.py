@@ -13,9 +13,9 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.btf.mipmap import Footprint
+from simrig.core.errors import SimrigError
 from simrig.plugins.named import number
-from simrig.reflectance.pyramid import Footprint
 
 _LEAST_COSINE = 1e-3  # 89.94°: beyond it a footprint does not grow
 

@@ -5,7 +5,7 @@ A lobe is the distribution of visible normals of a GGX surface, bounded to the u
 times a lower triangular matrix L, so an anisotropy of any direction costs neither an angle nor a
 rotation. With L = diag(alpha_u, alpha_v) it is the usual anisotropic GGX.
 
-Everything is written over ``simrig.arrays``: the fit runs it on NumPy arrays, the renderer on its
+Everything is written over ``simrig.core.arrays``: the fit runs it on NumPy arrays, the renderer on its
 own arrays.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.arrays import Array, components, namespace
+from simrig.core.arrays import Array, components, namespace
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import drjit as dr
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.plugins.adapter import as_float, to_number, uncollected
 from simrig.plugins.named import number
 

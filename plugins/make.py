@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from simrig.errors import SimrigError, unknown_name
-from simrig.reflectance.protocol import Reflectance
-from simrig.reflectance.spatial import SpatialReflectance
+from simrig.brdf.protocol import Reflectance
+from simrig.btf.spatial import SpatialReflectance
+from simrig.core.errors import SimrigError, unknown_name
 
 BTF_NUMBERS = ("scale", "scale_v", "rotation", "pixel_angle", "pixel_width", "unit")
 
@@ -29,7 +29,7 @@ def make_bsdf(reflectance: Reflectance, rotation_deg: float = 0.0) -> Any:
     from simrig.plugins.register import register
 
     if mi.variant() is None:
-        raise SimrigError("no variant is set: call simrig.backend.select() first")
+        raise SimrigError("no variant is set: call simrig.core.backend.select() first")
     return register()(mi.Properties("simrig_reflectance"), reflectance, rotation_deg)
 
 
@@ -49,7 +49,7 @@ def make_btf(reflectance: SpatialReflectance, **options: Any) -> Any:
     from simrig.plugins.register import register_btf
 
     if mi.variant() is None:
-        raise SimrigError("no variant is set: call simrig.backend.select() first")
+        raise SimrigError("no variant is set: call simrig.core.backend.select() first")
     properties = mi.Properties("simrig_btf")
     for name, value in options.items():
         properties[name] = value

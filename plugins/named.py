@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
-from simrig.reflectance.analytic import Kurt, KurtLobe, Ward
-from simrig.reflectance.kurt_materials import kurt_material
-from simrig.reflectance.protocol import Reflectance
+from simrig.brdf.analytic import Kurt, KurtLobe, Ward
+from simrig.brdf.kurt_materials import kurt_material
+from simrig.brdf.protocol import Reflectance
+from simrig.core.errors import SimrigError
 
 _LOBE_NUMBERS = ("f_0", "m_x", "m_y", "alpha")
 
@@ -142,7 +142,7 @@ def resolved(plugin: str, props: Any) -> Path:
 
 def _load(plugin: str, props: Any) -> Reflectance:
     """Load the material in the file that ``filename`` names."""
-    from simrig.data.load import load_material
+    from simrig.files.load import load_material
 
     return load_material(resolved(plugin, props))
 

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from simrig.arrays import Array, gather_colour, namespace, to_device, to_index
+from simrig.core.arrays import Array, gather_colour, namespace, to_device, to_index
 
 _FIRST_NM, _STEP_NM, _COUNT = 380.0, 5.0, 81
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 
 def check_vectorised(integrator: str) -> None:

@@ -11,7 +11,7 @@ from simrig.scenes.receding_cylinders import receding_cylinders
 from simrig.scenes.registry import SCENES, SceneEntry, build_scene
 from simrig.scenes.room import room
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
-from simrig.scenes.traps import bright_corner, hidden_light, hidden_sun, mirror_neighbour
+from simrig.scenes.stress_scenes import bright_corner, hidden_light, hidden_sun, mirror_neighbour
 
 __all__ = [
     "SCENES",

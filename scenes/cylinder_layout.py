@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.errors import unknown_name
+from simrig.core.errors import unknown_name
 from simrig.scenes.perspective import focal_pixels
 from simrig.scenes.stimuli import CYLINDER_RADIUS
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 
 def check_environment(radiance: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 _UNIT_TOLERANCE = 1e-6  # how far a direction may be from unit length
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.colour import LUMINANCE
-from simrig.errors import SimrigError
+from simrig.core.colour import LUMINANCE
+from simrig.core.errors import SimrigError
 from simrig.scenes.latlong import check_environment, latlong_directions, solid_angles
 from simrig.scenes.lights import DirectionalLights
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 
 MARGIN = 64.0 / 59.104  # half of a picture cell over the radius of the sphere in it
 # mm; outside of every object, but no further: the error of a float32 intersection grows with the
@@ -28,7 +28,7 @@ def transform() -> Any:
     import mitsuba as mi
 
     if mi.variant() is None:
-        raise SimrigError("no Mitsuba variant is set: call simrig.backend.select() first")
+        raise SimrigError("no Mitsuba variant is set: call simrig.core.backend.select() first")
     return mi.ScalarTransform4f()
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.scenes.parts import transform
 
 SENSOR_HEIGHT_MM = 24.0

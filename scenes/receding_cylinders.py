@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.scenes.cylinder_layout import cylinder_row, positions_mm
 from simrig.scenes.parts import all_lights, by_part, share, transform, upright
 from simrig.scenes.perspective import perspective_camera

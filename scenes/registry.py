@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from simrig.errors import unknown_name
+from simrig.core.errors import unknown_name
 from simrig.scenes.maps import environment_map, map_spheres
 from simrig.scenes.receding_cylinders import receding_cylinders
 from simrig.scenes.room import room
 from simrig.scenes.stimuli import cylinder, environment_sphere, four_spheres, sphere
-from simrig.scenes.traps import bright_corner, hidden_light, hidden_sun, mirror_neighbour
+from simrig.scenes.stress_scenes import bright_corner, hidden_light, hidden_sun, mirror_neighbour
 
 
 @dataclass(frozen=True)

@@ -15,20 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 from simrig.scenes.latlong import builtin_environment
 from simrig.scenes.lights import DirectionalLights
 from simrig.scenes.median_cut import median_cut
-from simrig.scenes.parts import (
-    MARGIN,
-    all_lights,
-    ball,
-    camera,
-    direct,
-    lamp,
-    lamp_position,
-    share,
-)
+from simrig.scenes.parts import MARGIN, all_lights, ball, camera, direct, lamp, lamp_position, share
 
 SPHERE_RADIUS = 50.0  # mm
 SPHERE_PIXELS = 10_975  # pixel centres on the sphere at 128 x 128; thesis Fig. 1.5

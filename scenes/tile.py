@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.scenes.meshes import mesh
 from simrig.scenes.parts import transform
 

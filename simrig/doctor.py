@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 OK, NOTE, MISSING = "ok", "note", "missing"
 
@@ -107,7 +107,7 @@ def _packages() -> Iterator[Finding]:
 
 
 def _llvm() -> Iterator[Finding]:
-    from simrig import backend
+    from simrig.core import backend
 
     problem = backend.llvm_problem()
     version = backend.llvm_version()
@@ -119,7 +119,7 @@ def _llvm() -> Iterator[Finding]:
 
 
 def _cuda() -> Iterator[Finding]:
-    from simrig import backend
+    from simrig.core import backend
 
     problem = backend.variant_problem("cuda_ad_rgb")
     if problem is not None:
@@ -133,7 +133,7 @@ def _cuda() -> Iterator[Finding]:
 
 def _kernel() -> Iterator[Finding]:
     """Compile and run one small kernel; asks for types first, which refuses an unsafe LLVM."""
-    from simrig import backend
+    from simrig.core import backend
 
     t = backend.types("float32")
     squares = (t.Float([1.0, 2.0, 3.0]) * t.Float([1.0, 2.0, 3.0])).numpy().tolist()
@@ -144,7 +144,7 @@ def _kernel() -> Iterator[Finding]:
 
 
 def _variant() -> Iterator[Finding]:
-    from simrig import backend
+    from simrig.core import backend
 
     yield Finding("Mitsuba variant", OK, backend.select("auto"))
 
@@ -152,7 +152,7 @@ def _variant() -> Iterator[Finding]:
 def _plugins() -> Iterator[Finding]:
     import mitsuba as mi
 
-    from simrig import backend
+    from simrig.core import backend
     from simrig.plugins.named import PLUGINS
 
     backend.select("auto")

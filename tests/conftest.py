@@ -60,7 +60,7 @@ def rng() -> np.random.Generator:
 @pytest.fixture
 def variant_llvm() -> Iterator[str]:
     """Select ``llvm_ad_rgb`` with the simrig plugins registered."""
-    from simrig import backend
+    from simrig.core import backend
 
     yield backend.select("llvm_ad_rgb")
 
@@ -68,9 +68,9 @@ def variant_llvm() -> Iterator[str]:
 @pytest.fixture(scope="session")
 def measured() -> Callable[..., Any]:
     """Return a function that measures a built-in material along slices."""
-    from simrig.reflectance import kurt_material
-    from simrig.rigs.gonioreflectometer import Gonioreflectometer
-    from simrig.sampling.placement import SlicePlacement
+    from simrig.brdf import kurt_material
+    from simrig.plans.placement import SlicePlacement
+    from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
     def measure(name="fabric112", steps=(20, 60), samples=2272, **options):
         placement = SlicePlacement.from_degrees(*steps)

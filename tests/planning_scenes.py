@@ -8,8 +8,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from simrig.effects import Plan
-from simrig.evaluation import metrics
+from simrig.core.effects import Plan
+from simrig.evaluation.metrics import images as metrics
 
 POINT = {"type": "point", "position": [3.0, 3.0, 3.0], "intensity": 20.0}
 

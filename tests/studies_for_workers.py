@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simrig.evaluation.studies.base import Study
+from simrig.evaluation.studies.engine.base import Study
 
 
 def cells(config: Mapping[str, Any]) -> list[dict[str, Any]]:

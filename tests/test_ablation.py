@@ -13,9 +13,11 @@ import pytest
 from rich.console import Console
 
 from command_line import done, simrig
-from simrig import backend
-from simrig.effects import Bound, parse_tolerance
-from simrig.evaluation.ablation import (
+from simrig.core import backend
+from simrig.core.effects import Bound, parse_tolerance
+from simrig.evaluation.ablation.pictures import Pictures
+from simrig.evaluation.ablation.report import ablation_tables
+from simrig.evaluation.ablation.run import (
     LEFT_OUT,
     PLANNED_RENDER,
     Ablation,
@@ -23,13 +25,11 @@ from simrig.evaluation.ablation import (
     effect_rows,
     planned_render_row,
 )
-from simrig.evaluation.ablation_pictures import Pictures
-from simrig.evaluation.ablation_report import ablation_tables
-from simrig.evaluation.metrics import delta_e_map, foreground_mask
-from simrig.evaluation.planning import effects, plan_scene
-from simrig.evaluation.rendering import render
+from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
 from simrig.evaluation.studies import plan_validation
-from simrig.evaluation.studies.engine import run_study
+from simrig.evaluation.studies.engine.run import run_study
+from simrig.planning import effects, plan_scene
+from simrig.rendering.render import render
 from simrig.scenes import bright_corner, hidden_light, sphere
 
 GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}

@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
+from simrig.brdf import kurt_material
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance import kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.adaptive import capacity, leave_one_out_errors, sample_adaptively
-from simrig.sampling.placement import TABLE_5_1, SlicePlacement, optimal_placement
-from simrig.sampling.slices import build_slices
+from simrig.plans.adaptive import capacity, leave_one_out_errors, sample_adaptively
+from simrig.plans.placement import TABLE_5_1, SlicePlacement, optimal_placement
+from simrig.plans.slices import build_slices
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 RIG = Gonioreflectometer()
 

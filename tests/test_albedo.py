@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.reflectance import KURT_MATERIALS, Lambert, kurt_material
-from simrig.reflectance.albedo import directional_albedo
+from simrig.brdf import KURT_MATERIALS, Lambert, kurt_material
+from simrig.brdf.albedo import directional_albedo
+from simrig.core.errors import SimrigError
 
 
 def test_lambert_gives_back_its_albedo_from_everywhere() -> None:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from simrig.errors import SimrigError
-from simrig.reconstruction.along_slices import SliceInterpolator
-from simrig.sampling.adaptive import Knots
-from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC
+from simrig.core.errors import SimrigError
+from simrig.plans.adaptive import Knots
+from simrig.plans.slices import MIRRORED, OPEN, PERIODIC
+from simrig.reconstruction.slices.along_slices import SliceInterpolator
 
 
 def make_knots(rng, ends, counts, lengths):

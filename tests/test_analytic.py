@@ -8,12 +8,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.arrays import vector_type
-from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.evaluation.hard_cases import ROUGHNESS, hard_case, hard_cases
-from simrig.reflectance import (
+from simrig.brdf import (
     KURT_MATERIALS,
     RESCALED_MATERIALS,
     Kurt,
@@ -23,7 +18,12 @@ from simrig.reflectance import (
     evaluate,
     kurt_material,
 )
-from simrig.reflectance.albedo import directional_albedo
+from simrig.brdf.albedo import directional_albedo
+from simrig.core import backend
+from simrig.core.arrays import vector_type
+from simrig.core.errors import SimrigError
+from simrig.directions import to_vector
+from simrig.evaluation.stability.hard_cases import ROUGHNESS, hard_case, hard_cases
 
 # thesis Table D.1, row by row as printed: k_d, then per lobe k_s, f_0, m_x, m_y, alpha
 TABLE_D1 = """

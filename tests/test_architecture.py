@@ -135,9 +135,9 @@ def test_rooms_import_only_what_the_plan_allows() -> None:
     ("file", "text"),
     [
         ("simrig/sampling/a.py", "from simrig.rigs import gonioreflectometer"),
-        ("simrig/reflectance/a.py", "import simrig.data.load"),
+        ("simrig/reflectance/a.py", "import simrig.files.load"),
         ("simrig/reconstruction/a.py", "def f():\n    from simrig import evaluation"),
-        ("simrig/backend.py", "from simrig.plugins.register import register"),
+        ("simrig/core/backend.py", "from simrig.plugins.register import register"),
         ("simrig/nowhere/a.py", "from simrig import errors"),
         ("evaluation/a.py", "from simrig.cli import frame"),
         ("scenes/a.py", "if True:\n    from simrig.plugins import make_bsdf"),

@@ -7,7 +7,7 @@ import drjit.scalar
 import numpy as np
 import pytest
 
-from simrig import arrays, backend
+from simrig.core import arrays, backend
 
 VALUES = np.array([0.25, 0.5, 0.75, 1.0])
 ONE_ARGUMENT = ("sin", "cos", "tan", "asin", "acos", "sqrt", "exp", "log", "abs", "floor", "round")

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.errors import SimrigError
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 
 LLVM_15 = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
 NO_LLVM = Path("/nonexistent/libLLVM.so")
@@ -19,7 +19,7 @@ NO_LLVM = Path("/nonexistent/libLLVM.so")
 # asks for a backend, reports the refusal, and would die of an abort if a kernel were compiled
 ASK = """
 from simrig import backend
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 try:
     {call}
 except SimrigError as error:

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
-from simrig import backend
-from simrig.data.hdf5 import read_reflectance, write_reflectance
+from simrig.brdf import evaluate, kurt_material
+from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.tables.packed import RELATIVE_ERROR
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
-from simrig.errors import SimrigError
+from simrig.files.hdf5 import read_reflectance, write_reflectance
 from simrig.plugins import make_bsdf
-from simrig.reconstruction.barycentric import reconstruct_barycentric
-from simrig.reflectance import evaluate, kurt_material
-from simrig.reflectance.barycentric import BarycentricReflectance
-from simrig.reflectance.packed import RELATIVE_ERROR
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 SCHEMES = ("uniform_1", "uniform_14", "hemisphere_151", "uniform_30")
 

@@ -6,20 +6,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.evaluation.benchmarks import (
-    BENCHMARKS,
-    btf,
-    btf_scenes,
-    planned,
-    plugins,
-    sampling,
-    storage,
-    whole_array,
-)
+from simrig.btf.full import FullBtf
+from simrig.btf.synthetic import bumps
+from simrig.core import backend
+from simrig.evaluation.benchmarks import BENCHMARKS, planned, plugins, sampling, storage
+from simrig.evaluation.benchmarks.btf import rendering as btf
+from simrig.evaluation.benchmarks.btf import scenes as btf_scenes
 from simrig.evaluation.benchmarks.timing import one_alive, side_by_side
-from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_synthetic import bumps
+from simrig.evaluation.benchmarks.whole_array import methods as whole_array
 
 
 def test_every_benchmark_is_documented():

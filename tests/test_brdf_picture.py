@@ -7,18 +7,14 @@ import io
 import numpy as np
 import pytest
 
-from simrig.arrays import components, vector
+from simrig.brdf import Lambert, Reflectance, evaluate, kurt_material
+from simrig.core.arrays import components, vector
+from simrig.core.errors import SimrigError
 from simrig.directions import to_angles, to_vector, wrap_angle
-from simrig.errors import SimrigError
-from simrig.evaluation.brdf_figure import SLICE_COLOURS, brdf_figure, sample_positions
-from simrig.evaluation.brdf_picture import (
-    all_subspaces_picture,
-    brdf_exposure,
-    brdf_picture,
-)
-from simrig.reflectance import Lambert, Reflectance, evaluate, kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.plans.placement import SlicePlacement
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.viewing.brdf.figure import SLICE_COLOURS, brdf_figure, sample_positions
+from simrig.viewing.brdf.picture import all_subspaces_picture, brdf_exposure, brdf_picture
 
 ELEVATIONS = (15.0, 40.0, 70.0)
 STEP = 30.0

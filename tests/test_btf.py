@@ -8,16 +8,16 @@ from drjit.scalar import Array3f64
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simrig import backend
-from simrig.data.btf_hdf5 import HALF_ERROR, BtfWriter, read_btf, write_btf
+from simrig.brdf.protocol import evaluate
+from simrig.brdf.tables.packed import RELATIVE_ERROR
+from simrig.btf.full import FullBtf
+from simrig.btf.mipmap import Footprint, Pyramid, box_average
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import bumps
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_synthetic import bumps
-from simrig.reflectance.packed import RELATIVE_ERROR
-from simrig.reflectance.protocol import evaluate
-from simrig.reflectance.pyramid import Footprint, Pyramid, box_average
+from simrig.files.btf.hdf5 import HALF_ERROR, BtfWriter, read_btf, write_btf
 
 # what the packed table keeps of a value, and a little for the sums
 STORAGE = {"rtol": 1.01 * RELATIVE_ERROR, "atol": 1e-7}

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from simrig.brdf.protocol import evaluate
+from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.btf.full import FullBtf
+from simrig.btf.mipmap import Footprint, box_average
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import grid_angles
 from simrig.directions import to_vector
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.evaluation.btf_patch import Sight, btf_scene, period_sensor, picture, structure_scene
-from simrig.evaluation.stimuli_materials import StimulusMaterial
 from simrig.mesostructure import build_tile
-from simrig.reflectance.barycentric import BarycentricReflectance
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_synthetic import grid_angles
-from simrig.reflectance.protocol import evaluate
-from simrig.reflectance.pyramid import Footprint, box_average
+from simrig.viewing.stimuli.materials import StimulusMaterial
+from simrig.viewing.structure.patch import Sight, btf_scene, period_sensor, picture, structure_scene
 
 SIDE_MM = 10.0
 TEXELS = 8

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from drjit.scalar import Array3f64
 
-from simrig import backend
-from simrig.data.hdf5 import read_reflectance, write_reflectance
+from simrig.brdf.protocol import evaluate
+from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.tables.packed_bfloat16 import RELATIVE_ERROR, gather_eight, pack_eights
+from simrig.btf.factored import FactoredBtf
+from simrig.btf.full import FullBtf
+from simrig.btf.mipmap import Footprint
+from simrig.btf.sliced import sliced_stack
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import bumps
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance.barycentric import BarycentricReflectance
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_factored import FactoredBtf
-from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_sliced import sliced_stack
-from simrig.reflectance.btf_synthetic import bumps
-from simrig.reflectance.packed_eights import RELATIVE_ERROR, gather_eight, pack_eights
-from simrig.reflectance.protocol import evaluate
-from simrig.reflectance.pyramid import Footprint
+from simrig.files.hdf5 import read_reflectance, write_reflectance
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig.data.btf_images import PixelValues, find_btf_images, import_btf, write_btf_images
-from simrig.data.images import decode_srgb, write_exr, write_png
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import bumps, grid_angles
+from simrig.core.errors import SimrigError
 from simrig.directions import scheme
-from simrig.errors import SimrigError
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_synthetic import bumps, grid_angles
+from simrig.files.btf.images import PixelValues, find_btf_images, import_btf, write_btf_images
+from simrig.files.images import decode_srgb, write_exr, write_png
 
 UTIA = "tv{tv:03d}_pv{pv:03d}/tl{tl:03d}_pl{pl:03d}_tv{tv:03d}_pv{pv:03d}.exr"
 BONN = "tv{tv:03d}_pv{pv:03d}/{n:05d} tl{tl:03d} pl{pl:03d} tv{tv:03d} pv{pv:03d}.jpg"

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simrig.data.btf_hdf5 import read_btf
+from simrig.btf.stack import BtfStack
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.errors import SimrigError
-from simrig.evaluation.room import room_materials
-from simrig.evaluation.stimuli_materials import stimulus_stack
+from simrig.files.btf.hdf5 import read_btf
 from simrig.mesostructure import build_tile
-from simrig.reflectance.btf import BtfStack
-from simrig.rigs import btf_kept
-from simrig.rigs.btf import btf_angles
-from simrig.rigs.btf_kept import kept_btf
+from simrig.rigs.btf import kept as btf_kept
+from simrig.rigs.btf.kept import kept_btf
+from simrig.rigs.btf.rig import btf_angles
+from simrig.viewing.room import room_materials
+from simrig.viewing.stimuli.materials import stimulus_stack
 
 FEW = HemisphereScheme.from_rings("few", [Ring(0.0, 1), Ring(50.0, 3)])
 FEWER = HemisphereScheme.from_rings("fewer", [Ring(0.0, 1), Ring(50.0, 2)])
@@ -74,7 +74,7 @@ def test_another_measurement_is_refused_and_stays(
 
 
 def test_a_file_of_another_origin_is_refused(tmp_path: Path) -> None:
-    from simrig.data.btf_hdf5 import write_btf
+    from simrig.files.btf.hdf5 import write_btf
 
     path = tmp_path / "beech.h5"
     measured = kept(None)

@@ -6,20 +6,20 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.data.btf_hdf5 import read_notes
+from simrig.core import backend
+from simrig.core.effects import parse_tolerance
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import uniform_scheme
 from simrig.directions.spherical import to_vector
-from simrig.effects import parse_tolerance
-from simrig.errors import SimrigError
-from simrig.evaluation.benchmarks import btf_measurement
-from simrig.evaluation.metrics import delta_e_map
+from simrig.evaluation.benchmarks.btf import measurement as btf_measurement
+from simrig.evaluation.metrics.images import delta_e_map
+from simrig.files.btf.hdf5 import read_notes
 from simrig.mesostructure.heightfield import Grid, surface
 from simrig.mesostructure.tile import COLOURS, Part, Tile
-from simrig.rigs.btf import btf_angles, by_view, measure_btf
-from simrig.rigs.btf_camera import TileCamera
-from simrig.rigs.btf_orders import MOST_ORDERS, plan_orders
-from simrig.rigs.btf_shadows import shadowed_lights
+from simrig.rigs.btf.bounces import MOST_ORDERS, plan_orders
+from simrig.rigs.btf.camera import TileCamera
+from simrig.rigs.btf.rig import btf_angles, by_view, measure_btf
+from simrig.rigs.btf.shadows import shadowed_lights
 from simrig.scenes.tile import tile_shapes
 
 COLOUR = (0.2, 0.5, 0.8)
@@ -281,8 +281,8 @@ def test_blocks_of_rows_and_lights_give_the_same_bits(variant_llvm: str, monkeyp
     camera = TileCamera(waves(), lights, 75.0, (8, 8), 4)
     view, numbers = to_vector(np.array(0.5), np.array(1.0)), np.arange(3)
     whole = camera.view(view, numbers, 2)
-    monkeypatch.setattr("simrig.rigs.btf_camera._RECORDS", 100)
-    monkeypatch.setattr("simrig.rigs.btf_camera._LANES", 50)
+    monkeypatch.setattr("simrig.rigs.btf.camera._RECORDS", 100)
+    monkeypatch.setattr("simrig.rigs.btf.camera._LANES", 50)
     parts = camera.view(view, numbers, 2)
     assert np.array_equal(whole.values, parts.values)
     np.testing.assert_allclose(whole.standard_error, parts.standard_error, rtol=1e-6)

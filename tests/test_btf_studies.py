@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from simrig.evaluation.btf_patch import PIXEL_ANGLE, Sight
-from simrig.evaluation.studies import btf_against_structure, btf_slices
-from simrig.evaluation.studies.engine import run_study
-from simrig.evaluation.studies.pictures import picture_of, picture_row
-from simrig.reflectance.packed import RELATIVE_ERROR
-from simrig.rigs import btf_kept
+from simrig.brdf.tables.packed import RELATIVE_ERROR
+from simrig.evaluation.studies.btf_against_structure import study as btf_against_structure
+from simrig.evaluation.studies.btf_slices import study as btf_slices
+from simrig.evaluation.studies.engine.pictures import picture_of, picture_row
+from simrig.evaluation.studies.engine.run import run_study
+from simrig.rigs.btf import kept as btf_kept
+from simrig.viewing.structure.patch import PIXEL_ANGLE, Sight
 
 TINY = {"materials": ["leather_tan"], "rings": [[0.0, 1], [30.0, 4], [75.0, 4]], "texels": 12}
 

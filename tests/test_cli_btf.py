@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from command_line import done, refusal, simrig
+from simrig.brdf.protocol import evaluate
+from simrig.btf.average import average_brdf
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import bumps
 from simrig.cli.schemes import named_scheme
-from simrig.data import btf_images
-from simrig.data.btf_hdf5 import read_btf, write_btf
-from simrig.data.load import load_material
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import uniform_scheme
-from simrig.errors import SimrigError
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_average import average_brdf
-from simrig.reflectance.btf_synthetic import bumps
-from simrig.reflectance.protocol import evaluate
-from simrig.rigs.btf import by_view
+from simrig.files.btf import images as btf_images
+from simrig.files.btf.hdf5 import read_btf, write_btf
+from simrig.files.load import load_material
+from simrig.rigs.btf.rig import by_view
 
 made = partial(done, "btf")
 refused = partial(refusal, "btf")

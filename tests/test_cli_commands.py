@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from command_line import done, refusal, simrig
-from simrig.data.images import read_image
-from simrig.data.load import FORMATS, MATERIALS
 from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation import studies
 from simrig.evaluation.stability.uniform import list_rows
-from simrig.evaluation.studies.base import Study
-from simrig.rigs.measurement import Measurement
+from simrig.evaluation.studies.engine.base import Study
+from simrig.files.images import read_image
+from simrig.files.load import FORMATS, MATERIALS
+from simrig.rigs.measurements.slices import Measurement
 from simrig.scenes import SCENES
 
 pytestmark = pytest.mark.usefixtures("in_empty_folder")

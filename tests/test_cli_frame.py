@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from simrig import __version__
 from simrig.cli import frame
 from simrig.cli.app import app
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
 

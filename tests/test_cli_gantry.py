@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from command_line import done, refusal
-from simrig.data.load import load_material
-from simrig.rigs.gantry import GantryMeasurement
+from simrig.files.load import load_material
+from simrig.rigs.gantry.rig import GantryMeasurement
 
 pytestmark = pytest.mark.usefixtures("in_empty_folder")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from simrig.cli.outputs import MARKER, output_file, output_folder
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 REQUEST = {"command": "test", "samples": 3}
 

@@ -10,7 +10,7 @@ import pytest
 
 from command_line import done, refusal, simrig
 from simrig.cli.effect_options import tell_forces_apart
-from simrig.data.images import read_image
+from simrig.files.images import read_image
 
 pytestmark = pytest.mark.usefixtures("in_empty_folder")
 

@@ -10,10 +10,10 @@ import pytest
 
 from command_line import done, refusal, simrig
 from simrig.cli.schemes import named_scheme
-from simrig.data.images import read_image
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import hemisphere_81, uniform_scheme
-from simrig.errors import SimrigError
-from simrig.evaluation import stimuli
+from simrig.files.images import read_image
+from simrig.viewing.stimuli import pictures as stimuli
 
 SMALL = ("--texels", "4", "--directions", "1", "--spp", "1", "--resolution", "48")
 

@@ -8,7 +8,7 @@ import pytest
 
 from command_line import done, refusal, simrig
 from simrig.cli import structures
-from simrig.data.images import read_image
+from simrig.files.images import read_image
 from simrig.mesostructure import PRESETS
 
 

@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from command_line import done, simrig
-from simrig.effects import parse_tolerance
-from simrig.errors import SimrigError
-from simrig.evaluation.convergence import INTEGRATORS, converge, result_so_far
-from simrig.evaluation.convergence_ledger import Ledger
-from simrig.evaluation.convergence_report import (
+from simrig.core.effects import parse_tolerance
+from simrig.core.errors import SimrigError
+from simrig.evaluation.convergence.ledger import Ledger
+from simrig.evaluation.convergence.report import (
     convergence_csv,
     convergence_plot,
     convergence_tables,
 )
-from simrig.evaluation.convergence_results import Convergence, Point, Reference, fit_rate
-from simrig.evaluation.rendering import render
-from simrig.evaluation.replicates import Replicates, difference, distances
-from simrig.evaluation.samplers import SAMPLERS, samples_for, with_sampler
+from simrig.evaluation.convergence.results import Convergence, Point, Reference, fit_rate
+from simrig.evaluation.convergence.run import INTEGRATORS, converge, result_so_far
+from simrig.evaluation.metrics.replicates import Replicates, difference, distances
+from simrig.rendering.render import render
+from simrig.rendering.samplers import SAMPLERS, samples_for, with_sampler
 from simrig.scenes import bright_corner, sphere
 
 GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
@@ -49,7 +49,7 @@ SCENE_FILE = """<scene version="3.0.0">
 @pytest.fixture(scope="module")
 def corner() -> Convergence:
     """The corner at three levels; time is no matter, so every setting is rendered."""
-    from simrig import backend
+    from simrig.core import backend
 
     backend.select("llvm_ad_rgb")
     return converge(
@@ -265,7 +265,7 @@ def test_integrators_name_the_depths_they_trace() -> None:
 
 def interrupted_after(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let Ctrl-C come while the setting after some others is rendered."""
-    from simrig.evaluation import convergence
+    from simrig.evaluation.convergence import run as convergence
 
     render_pair, calls = convergence._pair, []
 

@@ -10,17 +10,22 @@ import numpy as np
 import pytest
 
 from command_line import done, refusal, simrig
-from simrig.data.btf_hdf5 import write_btf
-from simrig.data.images import decode_srgb, read_image, write_png
-from simrig.errors import SimrigError
-from simrig.evaluation.distance_map import (
+from simrig.btf.stack import BtfStack
+from simrig.core.errors import SimrigError
+from simrig.evaluation.studies import critical_distance
+from simrig.evaluation.studies.engine.run import run_study
+from simrig.files.btf.hdf5 import write_btf
+from simrig.files.images import decode_srgb, read_image, write_png
+from simrig.mesostructure import PRESETS, build_tile
+from simrig.perception import PUBLISHED_MODELS, pixels_per_degree
+from simrig.viewing.distance_map import (
     CLASSES,
     DistanceMap,
     distance_map,
     draw_distance_map,
     load_as_written,
 )
-from simrig.evaluation.structure_look import (
+from simrig.viewing.structure.probe import (
     FEATURES,
     PIXEL_MM,
     PREDICTING,
@@ -29,11 +34,6 @@ from simrig.evaluation.structure_look import (
     look,
     tile_stimulus,
 )
-from simrig.evaluation.studies import critical_distance
-from simrig.evaluation.studies.engine import run_study
-from simrig.mesostructure import PRESETS, build_tile
-from simrig.perception import PUBLISHED_MODELS, pixels_per_degree
-from simrig.reflectance.btf import BtfStack
 
 LIT = 0.5 * (1.0 + 0.3)  # of a white diffuser under both lights at 60°
 SMALL = {"pixels": 64, "spp": 4}

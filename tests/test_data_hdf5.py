@@ -6,12 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
-from simrig.data import hdf5
+from simrig.brdf import Lambert, Ward, evaluate, kurt_material
+from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.isotropic import IsotropicTable
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance import Lambert, Ward, evaluate, kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.isotropic import IsotropicTable
+from simrig.files import hdf5
 
 
 def reflectances(rng: np.random.Generator) -> list:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simrig.data import hdf5, load
-from simrig.data.btf_hdf5 import write_btf
-from simrig.data.load import FORMATS, MATERIALS, file_format, load_material, save_material
-from simrig.data.rgl_writer import RglResolution
-from simrig.data.utia import UtiaLayout
-from simrig.errors import SimrigError
-from simrig.reflectance import Kurt, Lambert, Ward, kurt_material
-from simrig.reflectance.btf_synthetic import bumps
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.isotropic import IsotropicTable
-from simrig.reflectance.rgl import RglReflectance
+from simrig.brdf import Kurt, Lambert, Ward, kurt_material
+from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.isotropic import IsotropicTable
+from simrig.brdf.tables.rgl import RglReflectance
+from simrig.btf.synthetic import bumps
+from simrig.core.errors import SimrigError
+from simrig.files import hdf5, load
+from simrig.files.btf.hdf5 import write_btf
+from simrig.files.load import FORMATS, MATERIALS, file_format, load_material, save_material
+from simrig.files.rgl.writer import RglResolution
+from simrig.files.utia import UtiaLayout
 
 COARSE = {"rgl": {"resolution": RglResolution(4, 8, 17, 9)}}
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simrig.data import merl, utia
+from simrig.brdf import Ward, evaluate, kurt_material
+from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.isotropic import IsotropicTable
+from simrig.brdf.tables.resample import resample_dense, resample_isotropic
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance import Ward, evaluate, kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.isotropic import IsotropicTable
-from simrig.reflectance.resample import resample_dense, resample_isotropic
+from simrig.files import merl, utia
 
 SMALL = utia.UtiaLayout(n_theta=3, n_phi=4, theta_step_deg=30.0)
 

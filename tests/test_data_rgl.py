@@ -7,16 +7,16 @@ import struct
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.data.rgl import read_rgl
-from simrig.data.rgl_writer import RglResolution, is_mirror_symmetric, write_rgl
-from simrig.data.tensor_file import MAGIC, read_tensors, write_tensors
+from simrig.brdf import Lambert, Ward, evaluate, kurt_material
+from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.resample import resampling_error
+from simrig.brdf.tables.warp2d import distribution, invert, sample, single, stack_at
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance import Lambert, Ward, evaluate, kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.resample import resampling_error
-from simrig.reflectance.warp2d import distribution, invert, sample, single, stack_at
+from simrig.files.rgl.reader import read_rgl
+from simrig.files.rgl.tensor_file import MAGIC, read_tensors, write_tensors
+from simrig.files.rgl.writer import RglResolution, is_mirror_symmetric, write_rgl
 
 COARSE = RglResolution(theta=6, phi=8, warp=33, colour=17)
 
@@ -98,7 +98,7 @@ def test_conversion_error_is_bounded(tmp_path, material, median, weighted):
 
 @pytest.mark.slow
 def test_every_kurt_material_survives_conversion(tmp_path):
-    from simrig.reflectance import KURT_MATERIALS
+    from simrig.brdf import KURT_MATERIALS
 
     for name in KURT_MATERIALS:
         path = tmp_path / f"{name}.bsdf"

@@ -8,14 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simrig.data.alta import read_alta
-from simrig.data.cornell import load_cornell, read_cornell
-from simrig.data.spectra import rgb_weights
-from simrig.data.ubo import load_ubo, read_ubo
-from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance import Ward, evaluate
-from simrig.reflectance.scattered import (
+from simrig.brdf import Ward, evaluate
+from simrig.brdf.tables.scattered import (
     IsotropicInterpolator,
     ScatteredSamples,
     barycentric_weights,
@@ -23,6 +17,12 @@ from simrig.reflectance.scattered import (
     interpolate_isotropic,
     residual,
 )
+from simrig.core.errors import SimrigError
+from simrig.directions import to_vector
+from simrig.files.alta import read_alta
+from simrig.files.cornell import load_cornell, read_cornell
+from simrig.files.spectra import rgb_weights
+from simrig.files.ubo import load_ubo, read_ubo
 
 
 def test_constant_spectrum_is_white():

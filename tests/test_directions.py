@@ -10,8 +10,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from simrig import backend
-from simrig.arrays import vector_type
+from simrig.core import backend
+from simrig.core.arrays import vector_type
 from simrig.directions import (
     azimuth,
     canonical,
@@ -27,7 +27,7 @@ from simrig.directions import (
     wrap_angle,
     wrap_difference,
 )
-from simrig.evaluation.hard_cases import case_names, hard_case
+from simrig.evaluation.stability.hard_cases import case_names, hard_case
 
 # Measured over the hard cases: 1.3e-15 and 1.2e-6. Dr.Jit's float32 atan2 alone is off by 7e-7.
 ROUND_TRIP = {"numpy": 4e-15, "float64": 4e-15, "float32": 3e-6}

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from simrig import backend, doctor
+from simrig import doctor
+from simrig.core import backend
 from simrig.doctor import MISSING, NOTE, OK, Finding, examine, healthy
 
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simrig.effects import Bound, Effect, Overrides, Plan, Tolerance, decide, parse_tolerance
-from simrig.errors import SimrigError
+from simrig.core.effects import Bound, Effect, Overrides, Plan, Tolerance, decide, parse_tolerance
+from simrig.core.errors import SimrigError
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simrig.colour import LUMINANCE
-from simrig.data.images import write_exr
-from simrig.errors import SimrigError
-from simrig.evaluation.environment import environment_lights, read_environment
-from simrig.evaluation.rendering import render
+from simrig.core.colour import LUMINANCE
+from simrig.core.errors import SimrigError
+from simrig.files.images import write_exr
+from simrig.rendering.environment import environment_lights, read_environment
+from simrig.rendering.render import render
 from simrig.scenes import DirectionalLights, builtin_environment, environment_sphere, median_cut
 from simrig.scenes.latlong import latlong_directions, solid_angles
 from simrig.scenes.median_cut import cut_regions

@@ -12,27 +12,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simrig.data.images import read_image
+from simrig.brdf import Lambert, kurt_material
+from simrig.brdf.protocol import evaluate
+from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.resample import resample_dense
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.evaluation.experiment import run_experiment
-from simrig.evaluation.experiment_config import (
+from simrig.evaluation.experiment.checkpoint import LEDGER, Steps
+from simrig.evaluation.experiment.config import (
     ComparisonSettings,
     Experiment,
     MeasurementSettings,
     RenderingSettings,
     SceneSettings,
 )
-from simrig.evaluation.experiment_parts import LEDGER, Steps
-from simrig.evaluation.experiment_results import accuracy_versus_cost, total_costs
-from simrig.evaluation.experiment_subjects import SLICE_METHODS
-from simrig.evaluation.measured_half import MeasuredHalf
-from simrig.evaluation.mre import mre_exact
-from simrig.reflectance import Lambert, kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.protocol import evaluate
-from simrig.reflectance.resample import resample_dense
-from simrig.rigs.measurement import Measurement
+from simrig.evaluation.experiment.measured_half import MeasuredHalf
+from simrig.evaluation.experiment.reconstructions import SLICE_METHODS
+from simrig.evaluation.experiment.results import accuracy_versus_cost, total_costs
+from simrig.evaluation.experiment.run import run_experiment
+from simrig.evaluation.metrics.mre import mre_exact
+from simrig.files.images import read_image
+from simrig.rigs.measurements.slices import Measurement
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
@@ -57,7 +57,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 @pytest.fixture
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the drawing out; it takes most of the time of a small experiment."""
-    monkeypatch.setattr("simrig.evaluation.report.render", lambda *_: "")
+    monkeypatch.setattr("simrig.evaluation.report.html.render", lambda *_: "")
 
 
 def without_times(value: Any) -> Any:
@@ -112,7 +112,7 @@ def test_more_samples_are_more_accurate_and_errors_agree_with_a_direct_compariso
     folder, results, _ = finished
     first, _, second, _ = results["reconstructions"]
     assert second["reflectance"]["mre_percent"] < first["reflectance"]["mre_percent"]
-    from simrig.data.load import load_material
+    from simrig.files.load import load_material
 
     again = load_material(folder / second["files"]["reconstruction"])
     direct = mre_exact(kurt_material("fabric112"), again, step_deg=20.0, theta_max_deg=80.0)
@@ -268,7 +268,7 @@ def test_the_measured_half_is_the_truth_there_and_its_mirror_elsewhere() -> None
 
 
 def test_a_material_that_is_not_reciprocal_is_said_to_be_so(tmp_path: Path) -> None:
-    from simrig.data.hdf5 import write_reflectance
+    from simrig.files.hdf5 import write_reflectance
 
     write_reflectance(tmp_path / "one_way.h5", one_way_table())
     experiment = replace(
@@ -286,7 +286,7 @@ def test_a_material_that_is_not_reciprocal_is_said_to_be_so(tmp_path: Path) -> N
 
 
 def test_a_perfect_reconstruction_makes_a_report_too(tmp_path: Path) -> None:
-    from simrig.data.hdf5 import write_reflectance
+    from simrig.files.hdf5 import write_reflectance
 
     flat = resample_dense(Lambert(), math.radians(20.0), 4, math.radians(80.0))
     write_reflectance(tmp_path / "flat.h5", flat)

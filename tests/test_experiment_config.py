@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.evaluation.experiment_config import (
+from simrig.brdf import kurt_material
+from simrig.core.errors import SimrigError
+from simrig.evaluation.experiment.config import (
     Experiment,
     MeasurementSettings,
     RenderingSettings,
     demo_experiment,
 )
-from simrig.evaluation.experiment_subjects import largest_theta_deg, make_plans
-from simrig.reflectance import kurt_material
+from simrig.evaluation.experiment.reconstructions import largest_theta_deg, make_plans
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

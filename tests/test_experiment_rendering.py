@@ -7,19 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simrig.evaluation.experiment_config import (
-    Experiment,
-    RenderingSettings,
-    SceneSettings,
-)
-from simrig.evaluation.experiment_parts import Parts, Steps
-from simrig.evaluation.experiment_scenes import Studio
-from simrig.evaluation.metrics import delta_e_map, foreground_mask
-from simrig.evaluation.planning.experiments import experiment_scene
-from simrig.evaluation.rendering import render
-from simrig.plugins.sampling import sample_alike
-from simrig.reflectance import Lambert, kurt_material
-from simrig.reflectance.resample import resample_dense
+from simrig.brdf import Lambert, kurt_material
+from simrig.brdf.tables.resample import resample_dense
+from simrig.evaluation.experiment.checkpoint import Parts, Steps
+from simrig.evaluation.experiment.config import Experiment, RenderingSettings, SceneSettings
+from simrig.evaluation.experiment.plans import experiment_scene
+from simrig.evaluation.experiment.scenes import Studio
+from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
+from simrig.plugins.importance_sampling import sample_alike
+from simrig.rendering.render import render
 
 
 def studio(tmp_path: Path, rendering: RenderingSettings) -> Studio:

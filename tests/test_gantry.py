@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.reconstruction.gantry_subspace import default_combination, subspaces
-from simrig.reflectance import Lambert, evaluate, kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.rigs.gantry import Gantry, GantryMeasurement
+from simrig.brdf import Lambert, evaluate, kurt_material
+from simrig.brdf.tables.dense import DenseTable
+from simrig.core.errors import SimrigError
+from simrig.plans.gantry import GantryPlan, gantry_plan
+from simrig.plans.slices import AXIAL
+from simrig.reconstruction.gantry.subspace import default_combination, subspaces
+from simrig.rigs.gantry.rig import Gantry, GantryMeasurement
 from simrig.rigs.timing import GANTRY_TIMING, STEADY_GANTRY_TIMING
-from simrig.sampling.gantry import GantryPlan, gantry_plan
-from simrig.sampling.slices import AXIAL
 
 EVEN = {"lowest_samples": 24}
 

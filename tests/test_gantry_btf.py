@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from simrig.brdf import Lambert, kurt_material
+from simrig.brdf.minnaert import fit_lafortune
+from simrig.brdf.protocol import evaluate
+from simrig.btf.full import FullBtf
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import grid_angles
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.directions.spherical import to_vector
-from simrig.errors import SimrigError
-from simrig.reconstruction.gantry import reconstruct_gantry
-from simrig.reconstruction.gantry_btf import planned_images, reconstruct_btf
-from simrig.reconstruction.gantry_elevations import interval_weights, line_weights
-from simrig.reconstruction.gantry_texels import texel_method
-from simrig.reflectance import Lambert, kurt_material
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_synthetic import grid_angles
-from simrig.reflectance.lafortune import fit_lafortune
-from simrig.reflectance.protocol import evaluate
-from simrig.rigs.gantry import Gantry, GantryMeasurement
-from simrig.sampling.gantry import GantryPlan
+from simrig.plans.gantry import GantryPlan
+from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
+from simrig.reconstruction.gantry.btf import planned_images, reconstruct_btf
+from simrig.reconstruction.gantry.polar_angles import interval_weights, line_weights
+from simrig.reconstruction.gantry.texels import texel_method
+from simrig.rigs.gantry.rig import Gantry, GantryMeasurement
 
 PLAN = GantryPlan()
 # on the azimuths of the methods' own tables: nothing is interpolated a second time

@@ -7,18 +7,18 @@ import sys
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.data.hdf5 import read_reflectance, write_reflectance
+from simrig.brdf import Lambert, evaluate, kurt_material
+from simrig.brdf.minnaert import Lafortune, fit_lafortune
+from simrig.brdf.tables.dense import DenseTable
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reconstruction.gantry import METHODS, reconstruct_gantry
-from simrig.reconstruction.gantry_elevations import fill_elevations, interval_weights
-from simrig.reconstruction.transport import displacement, transport_subspaces
-from simrig.reflectance import Lambert, evaluate, kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.lafortune import Lafortune, fit_lafortune
-from simrig.rigs.gantry import Gantry
-from simrig.sampling.gantry import GantryPlan
+from simrig.files.hdf5 import read_reflectance, write_reflectance
+from simrig.plans.gantry import GantryPlan
+from simrig.reconstruction.gantry.brdfs import METHODS, reconstruct_gantry
+from simrig.reconstruction.gantry.polar_angles import fill_elevations, interval_weights
+from simrig.reconstruction.transport.grid import displacement, transport_subspaces
+from simrig.rigs.gantry.rig import Gantry
 
 SMALL = {"theta_step_deg": 15.0, "azimuths": 12}
 
@@ -133,7 +133,7 @@ def test_lambert_gives_lambert(method, rng):
 def test_measured_elevations_are_kept(method):
     truth = kurt_material("fabric112")
     measurement = Gantry().measure(truth)
-    from simrig.reconstruction.gantry_subspace import subspaces
+    from simrig.reconstruction.gantry.subspace import subspaces
 
     measured = subspaces(measurement.plan, measurement.values, 12)
     table = reconstruct_gantry(measurement, method, **SMALL).reflectance

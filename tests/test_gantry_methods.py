@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.evaluation.methods import method
-from simrig.reflectance import kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.brdf import kurt_material
+from simrig.core.errors import SimrigError
+from simrig.methods import method
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 
 def test_gantry_method_takes_at_most_the_samples_and_minutes_not_hours():

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from simrig.evaluation.gantry_trials import Picture, gantry_trial
-from simrig.evaluation.studies import (
-    gantry_elevations,
-    gantry_methods,
-    gantry_slices,
-    isotropic_measured,
-)
-from simrig.evaluation.studies.engine import run_study
-from simrig.reflectance import Lambert
-from simrig.sampling.gantry import GantryPlan
+from simrig.brdf import Lambert
+from simrig.evaluation.studies import isotropic_measured
+from simrig.evaluation.studies.engine.run import run_study
+from simrig.evaluation.studies.gantry import methods as gantry_methods
+from simrig.evaluation.studies.gantry import polar_angles as gantry_elevations
+from simrig.evaluation.studies.gantry import slices as gantry_slices
+from simrig.evaluation.studies.gantry.trials import Picture, gantry_trial
+from simrig.plans.gantry import GantryPlan
 
 PICTURE = Picture((15.0, 45.0, 75.0), 15.0)
 

@@ -4,17 +4,17 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.cli.rebuild import Method, rebuilt
-from simrig.data.load import load_material, save_material
-from simrig.errors import SimrigError
-from simrig.evaluation.mre import mre_estimate
-from simrig.reconstruction.highlights import reconstruct_along_highlights
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance import Lambert, Ward, evaluate, kurt_material
-from simrig.reflectance.highlight_slices import HighlightSlices
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.brdf import Lambert, Ward, evaluate, kurt_material
+from simrig.brdf.slices.highlight_slices import HighlightSlices
+from simrig.cli.reconstruct import Method, rebuilt
+from simrig.core import backend
+from simrig.core.errors import SimrigError
+from simrig.evaluation.metrics.mre import mre_estimate
+from simrig.files.load import load_material, save_material
+from simrig.plans.placement import SlicePlacement
+from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 RIG = Gonioreflectometer()
 

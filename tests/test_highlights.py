@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.arrays import vector_type
-from simrig.evaluation.stability.highlights import highlight_rows
-from simrig.evaluation.stability.methods import signals
-from simrig.reconstruction.highlights import (
-    HighlightSubspace,
-    reconstruct_subspace_along_highlights,
-)
-from simrig.reconstruction.subspace import reconstruct_subspace
-from simrig.reflectance import Lambert, Ward, kurt_material
-from simrig.reflectance.along_highlights import (
+from simrig.brdf import Lambert, Ward, kurt_material
+from simrig.brdf.slices.along_highlights import (
     compressed,
     expanded,
     half_vector_turn,
     offsets,
     shift_strength,
 )
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SubspacePlacement
+from simrig.core import backend
+from simrig.core.arrays import vector_type
+from simrig.evaluation.stability.highlights import highlight_rows
+from simrig.evaluation.stability.methods import signals
+from simrig.plans.placement import SubspacePlacement
+from simrig.reconstruction.slices.highlights import (
+    HighlightSubspace,
+    reconstruct_subspace_along_highlights,
+)
+from simrig.reconstruction.slices.subspace import reconstruct_subspace
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 RIG = Gonioreflectometer()
 TURN = 2.0 * np.pi

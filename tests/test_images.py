@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simrig.data.images import (
+from simrig.core.errors import SimrigError
+from simrig.files.images import (
     LARGEST_IMAGE,
     decode_srgb,
     encode_srgb,
@@ -20,7 +21,6 @@ from simrig.data.images import (
     write_exr,
     write_png,
 )
-from simrig.errors import SimrigError
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from simrig.evaluation.studies.engine import run_study
+from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.improved import STUDY, table
 
 

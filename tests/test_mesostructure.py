@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.mesostructure import GROUPS, PRESETS, Part, Tile, build_tile
+from simrig.mesostructure.bsdfs import solid
 from simrig.mesostructure.heightfield import Grid, surface
-from simrig.mesostructure.looks import solid
 from simrig.mesostructure.noise import band_noise, scattered
 from simrig.mesostructure.weave import PATTERNS, Weave
 from simrig.mesostructure.yarn import Yarn

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simrig.cost import Cost
-from simrig.data.load import load_material
+from simrig.brdf import kurt_material
+from simrig.brdf.tables.dense import DenseTable
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import hemisphere_81, scheme, uniform_scheme
-from simrig.errors import SimrigError
-from simrig.evaluation.methods import METHODS, method
-from simrig.evaluation.mre import mre_estimate
-from simrig.reconstruction.by_name import RECONSTRUCTIONS, reconstruct_by_name
-from simrig.reconstruction.pairs import pair_table
-from simrig.reconstruction.regular_grid import reconstruct_regular_grid
-from simrig.reflectance import kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.rigs.directions_measurement import DirectionsMeasurement
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.evaluation.metrics.mre import mre_estimate
+from simrig.files.load import load_material
+from simrig.methods import METHODS, method
+from simrig.plans.uniform import UniformPlan, largest_uniform_scheme
+from simrig.reconstruction.scattered.by_name import RECONSTRUCTIONS, reconstruct_by_name
+from simrig.reconstruction.scattered.pairs import pair_table
+from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurements.directions import DirectionsMeasurement
 from simrig.rigs.timing import UTIA_TIMING
-from simrig.sampling.uniform import UniformPlan, largest_uniform_scheme
 
 RIG = Gonioreflectometer()
 CONVENTIONAL = ("slices", "slices_axial_diagonal", *RECONSTRUCTIONS)

@@ -9,16 +9,16 @@ import math
 import numpy as np
 import pytest
 
-from simrig.data.images import to_srgb8
-from simrig.errors import SimrigError
-from simrig.evaluation import metrics
+from simrig.brdf import Lambert, kurt_material
+from simrig.core.errors import SimrigError
 from simrig.evaluation.comparison import (
     IMAGE_METRICS,
     compare_images,
     compare_reflectances,
     metric_table,
 )
-from simrig.reflectance import Lambert, kurt_material
+from simrig.evaluation.metrics import images as metrics
+from simrig.files.images import to_srgb8
 
 # Sharma, Wu, Dalal: "The CIEDE2000 Color-Difference Formula: Implementation Notes, Supplementary
 # Test Data, and Mathematical Observations", 2005, table 1: pairs 1, 7, 13, 17, 20, 25, 34.
@@ -295,8 +295,8 @@ def test_reflectances_compared_by_hand():
 
 
 def test_reflectances_log_psnr_agrees_with_the_definition_on_arrays():
+    from simrig.brdf import evaluate
     from simrig.directions import to_vector
-    from simrig.reflectance import evaluate
 
     truth, other = kurt_material("fabric112"), kurt_material("fabric112_rescaled")
     theta, phi = np.radians(np.arange(0, 81, 20)), np.radians(np.arange(0, 360, 20))

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simrig.brdf import Kurt, Lambert, Reflectance, evaluate, kurt_material
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.evaluation.angular_grid import AngularGrid, grid_sums
-from simrig.evaluation.mre import mre_estimate, mre_exact
-from simrig.reflectance import Kurt, Lambert, Reflectance, evaluate, kurt_material
+from simrig.evaluation.metrics.angular_grid import AngularGrid, grid_sums
+from simrig.evaluation.metrics.mre import mre_estimate, mre_exact
 
 STEP = 20.0  # 5 × 5 elevation pairs, 18 × 18 azimuths: 8,100 direction pairs
 GRID = AngularGrid(STEP, 80.0)
@@ -30,7 +30,7 @@ class Shadowed(Reflectance):
         return {"value": np.asarray(self.value), "dark": np.asarray(self.dark)}
 
     def eval(self, wi, wv, data=None):
-        from simrig.arrays import components, namespace, vector
+        from simrig.core.arrays import components, namespace, vector
 
         data = self._data_for(wi, data)
         x = components(wi)[0]
@@ -166,7 +166,7 @@ def test_sums_by_elevation_add_up():
 
 
 def test_blocks_of_several_runs_give_the_same(monkeypatch):
-    from simrig.evaluation import angular_grid
+    from simrig.evaluation.metrics import angular_grid
 
     truth, other = kurt_material("wood01"), rougher("wood01")
     values = dense(other, GRID)

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from command_line import done, refusal, simrig
-from simrig.data.load import save_material
-from simrig.errors import SimrigError
-from simrig.evaluation.methods import METHODS
-from simrig.evaluation.sphere_picture import SpherePicture
-from simrig.evaluation.studies import pareto
-from simrig.evaluation.studies.engine import run_study
-from simrig.evaluation.studies.pareto_choice import COSTS, METRICS, advise, summarise_rows
-from simrig.evaluation.studies.pareto_shown import subject_tables
-from simrig.reflectance import kurt_material
-from simrig.reflectance.resample import resample_dense
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.brdf import kurt_material
+from simrig.brdf.tables.resample import resample_dense
+from simrig.core.errors import SimrigError
+from simrig.evaluation.metrics.sphere_picture import SpherePicture
+from simrig.evaluation.studies.engine.run import run_study
+from simrig.evaluation.studies.pareto import study as pareto
+from simrig.evaluation.studies.pareto.choice import COSTS, METRICS, advise, summarise_rows
+from simrig.evaluation.studies.pareto.shown import subject_tables
+from simrig.files.load import save_material
+from simrig.methods import METHODS
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 SMALL = {
     **pareto.PRESETS["quick"],

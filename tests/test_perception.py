@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.perception import (
     PUBLISHED_MODELS,
     SaliencySettings,

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.evaluation.angular_grid import AngularGrid
-from simrig.evaluation.mre import mre_exact
-from simrig.evaluation.shared_mre import SharedMre
-from simrig.evaluation.strata import Strata, allocate
-from simrig.evaluation.studies import placement
-from simrig.evaluation.studies.engine import run_study
-from simrig.evaluation.studies.page import write_page
-from simrig.evaluation.studies.placement_choice import TABLE_5_4, Curves, summarise_rows
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance import KURT_MATERIALS, kurt_material
-from simrig.sampling.placement import TABLE_5_1, SlicePlacement
+from simrig.brdf import KURT_MATERIALS, kurt_material
+from simrig.core.errors import SimrigError
+from simrig.evaluation.metrics.angular_grid import AngularGrid
+from simrig.evaluation.metrics.mre import mre_exact
+from simrig.evaluation.metrics.shared_mre import SharedMre
+from simrig.evaluation.metrics.strata import Strata, allocate
+from simrig.evaluation.studies.engine.page import write_page
+from simrig.evaluation.studies.engine.run import run_study
+from simrig.evaluation.studies.placement import study as placement
+from simrig.evaluation.studies.placement.choice import TABLE_5_4, Curves, summarise_rows
+from simrig.plans.placement import TABLE_5_1, SlicePlacement
+from simrig.reconstruction.slices.tables import reconstruct
 
 GRID = AngularGrid(10.0, 80.0)
 SMALL = {

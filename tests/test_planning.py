@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from planning_scenes import POINT, bound_of, change, simple
 
-from simrig import backend
 from simrig.cli.effect_options import plan_lines
-from simrig.data.load import load_material
-from simrig.effects import Plan
-from simrig.errors import SimrigError
-from simrig.evaluation import metrics, rendering
-from simrig.evaluation.planning import noise as noise_of_samples
-from simrig.evaluation.planning import plan_scene, planned_integrator, planned_render
+from simrig.core import backend
+from simrig.core.effects import Plan
+from simrig.core.errors import SimrigError
+from simrig.evaluation.metrics import images as metrics
+from simrig.files.load import load_material
+from simrig.planning import noise as noise_of_samples
+from simrig.planning import plan_scene, planned_integrator, planned_render
 from simrig.plugins import make_bsdf
+from simrig.rendering import render as rendering
 from simrig.scenes import SCENES, build_scene
 
 CONVERGED = 1024  # samples per pixel of reference pictures

@@ -11,24 +11,19 @@ import numpy as np
 import pytest
 from planning_scenes import change
 
-from simrig import backend
-from simrig.data.images import write_exr
-from simrig.data.load import load_material
-from simrig.effects import parse_tolerance
-from simrig.errors import SimrigError
-from simrig.evaluation import rendering
-from simrig.evaluation.ablation import ablate
-from simrig.evaluation.planning import (
-    environment,
-    plan_scene,
-    planned_integrator,
-    planned_render,
-)
-from simrig.evaluation.planning.directional import Environment, as_tensor
-from simrig.evaluation.planning.environment import COUNTS, MapAndLights
-from simrig.evaluation.planning.source import scene_source
-from simrig.evaluation.planning.subject import SceneSubject
+from simrig.core import backend
+from simrig.core.effects import parse_tolerance
+from simrig.core.errors import SimrigError
+from simrig.evaluation.ablation.run import ablate
+from simrig.files.images import write_exr
+from simrig.files.load import load_material
+from simrig.planning import environment, plan_scene, planned_integrator, planned_render
+from simrig.planning.directional import Environment, as_tensor
+from simrig.planning.environment import COUNTS, MapAndLights
+from simrig.planning.source import scene_source
+from simrig.planning.subject import SceneSubject
 from simrig.plugins import make_bsdf
+from simrig.rendering import render as rendering
 from simrig.scenes import build_scene, builtin_environment
 
 GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.5, 0.4, 0.3]}}

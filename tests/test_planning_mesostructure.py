@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from planning_scenes import change
 
-from simrig.evaluation import rendering
-from simrig.evaluation.metrics import foreground_mask
-from simrig.evaluation.planning import as_planned, plan_scene, planned_render
-from simrig.evaluation.planning.mesostructure import structure_within, structured_materials
-from simrig.evaluation.stimuli_materials import StimulusMaterial
-from simrig.reflectance.btf_synthetic import bumps
+from simrig.btf.synthetic import bumps
+from simrig.evaluation.metrics.images import foreground_mask
+from simrig.planning import as_planned, plan_scene, planned_render
+from simrig.planning.mesostructure import structure_within, structured_materials
+from simrig.rendering import render as rendering
+from simrig.viewing.stimuli.materials import StimulusMaterial
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
@@ -104,7 +104,7 @@ def test_other_metrics_are_kept(metric: str) -> None:
     if metric.startswith("relative"):
         assert np.abs(before - after).mean() / before.mean() <= 0.01
     else:
-        from simrig.data.images import encode_srgb
+        from simrig.files.images import encode_srgb
 
         steps = 255.0 * (
             encode_srgb(plan.about["exposure"] * before)

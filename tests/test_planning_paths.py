@@ -8,14 +8,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.data.load import load_material
-from simrig.effects import parse_tolerance
-from simrig.evaluation import rendering
-from simrig.evaluation.metrics import delta_e_map, foreground_mask
-from simrig.evaluation.planning import plan_scene, planned_integrator, planned_render
-from simrig.evaluation.planning.change import Display
-from simrig.evaluation.planning.indirect import (
+from simrig.core import backend
+from simrig.core.effects import parse_tolerance
+from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
+from simrig.files.load import load_material
+from simrig.planning import plan_scene, planned_integrator, planned_render
+from simrig.planning.change import Display
+from simrig.planning.indirect import (
     MORE_PATHS,
     ORDERS,
     PATHS,
@@ -23,11 +22,12 @@ from simrig.evaluation.planning.indirect import (
     look_at_paths,
     sampled_changes,
 )
-from simrig.evaluation.planning.interreflection import with_more_paths
-from simrig.evaluation.planning.probe import look_at_surfaces
-from simrig.evaluation.planning.survey import Survey
-from simrig.evaluation.planning.transport import narrow_highlights
+from simrig.planning.interreflection import with_more_paths
+from simrig.planning.probe import look_at_surfaces
+from simrig.planning.survey import Survey
+from simrig.planning.transport import narrow_highlights
 from simrig.plugins import make_bsdf
+from simrig.rendering import render as rendering
 from simrig.scenes import build_scene
 
 TOLERANCE = parse_tolerance("dE=0.5")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from planning_scenes import POINT, bound_of, simple
 
-from simrig import backend
-from simrig.errors import SimrigError
-from simrig.evaluation.planning import plan_scene, planned_render
+from simrig.core import backend
+from simrig.core.errors import SimrigError
+from simrig.planning import plan_scene, planned_render
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 

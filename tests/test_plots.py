@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simrig.cost import Cost
-from simrig.errors import SimrigError
-from simrig.evaluation.plots import COST_AXES, CostPoint, accuracy_versus_cost, pareto_front
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
+from simrig.viewing.plots import COST_AXES, CostPoint, accuracy_versus_cost, pareto_front
 
 
 def test_pareto_front_by_hand():

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
 
-from simrig import backend
-from simrig.cost import Cost
+from simrig.brdf import evaluate, kurt_material
+from simrig.brdf.tables.rbf import BAND
+from simrig.brdf.tables.resample import resample_dense
+from simrig.core import backend
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
-from simrig.errors import SimrigError
 from simrig.plugins import make_bsdf
-from simrig.reconstruction import rbf
-from simrig.reconstruction.rbf import LocalSplines, reconstruct_rbf
-from simrig.reconstruction.thin_plate import LARGEST_CONDITION, fit_thin_plate
-from simrig.reflectance import evaluate, kurt_material
-from simrig.reflectance.rbf import BAND
-from simrig.reflectance.resample import resample_dense
-from simrig.rigs.directions_measurement import DirectionsMeasurement
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
+from simrig.reconstruction.scattered import rbf
+from simrig.reconstruction.scattered.rbf import LocalSplines, reconstruct_rbf
+from simrig.reconstruction.scattered.thin_plate import LARGEST_CONDITION, fit_thin_plate
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurements.directions import DirectionsMeasurement
 
 VARIANTS = [(None, False), (None, True), (50, False), (50, True)]
 
@@ -199,7 +199,7 @@ def test_blocks_and_progress(measurement, rng, monkeypatch):
         reflectance = reconstruct_rbf(measurement, neighbours).reflectance
         whole = reflectance.values(wi, wv)
         told: list[tuple[int, int]] = []
-        monkeypatch.setattr("simrig.reflectance.thin_plate._NUMPY_BLOCK", 40_000)
+        monkeypatch.setattr("simrig.brdf.tables.thin_plate._NUMPY_BLOCK", 40_000)
         monkeypatch.setattr(rbf, "_BLOCK", 100)
         parts = reflectance.values(wi, wv, None, lambda *counts, told=told: told.append(counts))
         monkeypatch.undo()

@@ -6,16 +6,16 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig.data.images import read_image
+from simrig.btf.synthetic import chessboard
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.errors import SimrigError
-from simrig.evaluation.rendering import render
-from simrig.evaluation.stimuli import CylinderStimulus, cylinder_widths, write_frames
-from simrig.evaluation.stimuli_materials import StimulusMaterial, stimulus_stack
-from simrig.reflectance.btf_synthetic import chessboard
+from simrig.files.images import read_image
+from simrig.rendering.render import render
 from simrig.scenes.cylinder_layout import ROWS, columns, outlines, positions_mm
 from simrig.scenes.perspective import pixel_angle_deg
 from simrig.scenes.receding_cylinders import patched, receding_cylinders
+from simrig.viewing.stimuli.materials import StimulusMaterial, stimulus_stack
+from simrig.viewing.stimuli.pictures import CylinderStimulus, cylinder_widths, write_frames
 
 FEW = HemisphereScheme.from_rings("few", (Ring(0.0, 1), Ring(40.0, 6), Ring(75.0, 6)))
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}

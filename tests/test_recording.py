@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from simrig.brdf import Lambert, Ward, kurt_material
+from simrig.core.counter_rng import normals, uniforms
 from simrig.directions import to_vector
-from simrig.reflectance import Lambert, Ward, kurt_material
-from simrig.rigs.chance import normals, uniforms
-from simrig.rigs.instrument import UTIA, Instrument
-from simrig.rigs.recording import (
+from simrig.instruments.instrument import UTIA, Instrument
+from simrig.rigs.direct.recording import (
     at,
     averaged,
     border_share,

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from simrig.brdf import kurt_material
+from simrig.brdf.protocol import evaluate
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reconstruction.regular_grid import reconstruct_regular_grid
-from simrig.reflectance import kurt_material
-from simrig.reflectance.protocol import evaluate
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.uniform import uniform_plan
+from simrig.plans.uniform import uniform_plan
+from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 
 @pytest.mark.parametrize("samples", [10, 300, 1034, 3230, 8911, 18721])

@@ -12,17 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from simrig import backend
-from simrig.errors import SimrigError
-from simrig.evaluation import rendering
-from simrig.evaluation.rendering import (
-    automatic_exposure,
-    display_exposure,
-    pixel_directions,
-    render,
-)
-from simrig.reflectance.kurt_materials import kurt_material
-from simrig.reflectance.protocol import evaluate
+from simrig.brdf.kurt_materials import kurt_material
+from simrig.brdf.protocol import evaluate
+from simrig.core import backend
+from simrig.core.errors import SimrigError
+from simrig.rendering import render as rendering
+from simrig.rendering.render import automatic_exposure, display_exposure, pixel_directions, render
 from simrig.scenes import DirectionalLights, cylinder, environment_sphere, four_spheres, sphere
 
 GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.5, 0.3, 0.2]}}

@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from simrig.evaluation.experiment import run_experiment
-from simrig.evaluation.experiment_config import (
+from simrig.evaluation.experiment.config import (
     ComparisonSettings,
     Experiment,
     MeasurementSettings,
     RenderingSettings,
     SceneSettings,
 )
-from simrig.evaluation.report import (
+from simrig.evaluation.experiment.run import run_experiment
+from simrig.evaluation.report.html import (
     metric,
     plain,
     scene_title,

@@ -9,15 +9,13 @@ import h5py
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance import Lambert
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.measurement import Measurement
+from simrig.brdf import Lambert
+from simrig.core.errors import SimrigError
+from simrig.plans.placement import SlicePlacement
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurements.slices import Measurement
 from simrig.rigs.timing import UTIA_TIMING
-from simrig.sampling.placement import (
-    SlicePlacement,
-)
 
 RIG = Gonioreflectometer()
 
@@ -72,9 +70,9 @@ def test_interrupted_measurement_resumes_to_the_same_result(tmp_path: Path, meas
 SLOW_MEASUREMENT = """
 import sys, time
 from pathlib import Path
-from simrig.reflectance import kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.brdf import kurt_material
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.plans.placement import SlicePlacement
 
 placement = SlicePlacement.from_degrees(20, 60)
 Gonioreflectometer().measure(

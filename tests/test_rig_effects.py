@@ -7,22 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simrig.effects import Effect, Overrides, Tolerance, parse_tolerance
-from simrig.errors import SimrigError
-from simrig.reflectance import Lambert, Ward, kurt_material
-from simrig.rigs.effects import RIG_EFFECT_NAMES, RIG_EFFECTS, plan_directions
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.instrument import UTIA, Instrument
-from simrig.rigs.measurement import Measurement
-from simrig.rigs.planning import plan_rig, with_plan
-from simrig.rigs.recording import (
-    at,
-    averaged,
-    record,
-    within_reach,
-)
+from simrig.brdf import Lambert, Ward, kurt_material
+from simrig.core.effects import Effect, Overrides, Tolerance, parse_tolerance
+from simrig.core.errors import SimrigError
+from simrig.instruments.instrument import UTIA, Instrument
+from simrig.plans.placement import SlicePlacement
+from simrig.rigs.direct.effects import RIG_EFFECT_NAMES, RIG_EFFECTS, plan_directions
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.direct.planning import plan_rig, with_plan
+from simrig.rigs.direct.recording import at, averaged, record, within_reach
+from simrig.rigs.measurements.slices import Measurement
 from simrig.rigs.tolerances import largest_change, measured_change
-from simrig.sampling.placement import SlicePlacement
 
 TOLERANCES = ("relative=0.01", "dE=0.5", "psnr=45")
 PLACEMENT = SlicePlacement.from_degrees(28.0, 60.0)

@@ -9,11 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simrig.data.btf_hdf5 import write_btf
-from simrig.errors import SimrigError
-from simrig.evaluation import stimuli_materials
-from simrig.evaluation.rendering import render
-from simrig.evaluation.room import (
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import bumps, chessboard
+from simrig.core.errors import SimrigError
+from simrig.evaluation.studies.engine.run import run_study
+from simrig.evaluation.studies.room_switch.study import STUDY, table
+from simrig.files.btf.hdf5 import write_btf
+from simrig.mesostructure import PRESETS
+from simrig.rendering.render import render
+from simrig.scenes import room
+from simrig.scenes.chair import cushions, frame
+from simrig.scenes.meshes import rounded_box
+from simrig.scenes.room import CHAIRS, ROOM_PARTS, ROWS, chair_places
+from simrig.viewing.room import (
     GROUP_DISTANCES_M,
     Room,
     distances_mm,
@@ -22,17 +30,9 @@ from simrig.evaluation.room import (
     range_map_m,
     room_materials,
 )
-from simrig.evaluation.stimuli_materials import StimulusMaterial
-from simrig.evaluation.structure_look import btf_stimulus, look
-from simrig.evaluation.studies.engine import run_study
-from simrig.evaluation.studies.room_switch import STUDY, table
-from simrig.mesostructure import PRESETS
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_synthetic import bumps, chessboard
-from simrig.scenes import room
-from simrig.scenes.chair import cushions, frame
-from simrig.scenes.meshes import rounded_box
-from simrig.scenes.room import CHAIRS, ROOM_PARTS, ROWS, chair_places
+from simrig.viewing.stimuli import materials as stimuli_materials
+from simrig.viewing.stimuli.materials import StimulusMaterial
+from simrig.viewing.structure.probe import btf_stimulus, look
 
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 # squares that a small picture resolves

@@ -11,8 +11,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.evaluation.rendering import pixel_directions, render
+from simrig.core.errors import SimrigError
+from simrig.rendering.render import pixel_directions, render
 from simrig.scenes import (
     SCENES,
     build_scene,

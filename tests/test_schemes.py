@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from simrig.core.errors import SimrigError
 from simrig.directions import SCHEMES, HemisphereScheme, scheme, to_vector, uniform_scheme
-from simrig.errors import SimrigError
 
 # thesis Table D.2: elevation and azimuth step in degrees of each ring, and number of directions
 TABLE_D2 = {

@@ -6,17 +6,15 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from simrig import backend
+from simrig.brdf import Lambert, evaluate
+from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.tables.grid import dense_grid, to_dense
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reconstruction.slices import reconstruct, slice_layout
-from simrig.reflectance import Lambert, evaluate
-from simrig.reflectance.grid import dense_grid, to_dense
-from simrig.reflectance.slices import SliceReflectance
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import (
-    SlicePlacement,
-)
+from simrig.plans.placement import SlicePlacement
+from simrig.reconstruction.slices.tables import reconstruct, slice_layout
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 RIG = Gonioreflectometer()
 

@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from simrig.arrays import components, namespace
+from simrig.brdf import Lambert, Ward, kurt_material
+from simrig.core.arrays import components, namespace
+from simrig.core.errors import SimrigError
 from simrig.directions import to_angles
-from simrig.errors import SimrigError
-from simrig.evaluation.hard_cases import (
+from simrig.evaluation.stability.hard_cases import (
     REFLECTANCE_VALUES,
     case_names,
     hard_case,
@@ -20,7 +21,6 @@ from simrig.evaluation.stability.judgement import PRECISIONS
 from simrig.evaluation.stability.rows import stability_data, stability_markdown, stability_summary
 from simrig.evaluation.stability.subjects import default_reflectances
 from simrig.evaluation.stability.suite import stability_table
-from simrig.reflectance import Lambert, Ward, kurt_material
 
 
 @pytest.fixture(scope="module")

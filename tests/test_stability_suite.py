@@ -10,12 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from simrig.brdf import Kurt, KurtLobe, Ward
+from simrig.brdf.tables.thin_plate import ThinPlateSpline
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import uniform_scheme
-from simrig.errors import SimrigError
-from simrig.evaluation.hard_cases import HardCase, hard_case, hard_cases
 from simrig.evaluation.stability import gantry, methods, plugins, splines, uniform
 from simrig.evaluation.stability.fuzz import FUZZ_PAIRS, fuzz_cases, unit
 from simrig.evaluation.stability.gantry import gantry_rows
+from simrig.evaluation.stability.hard_cases import HardCase, hard_case, hard_cases
 from simrig.evaluation.stability.highlights import highlight_rows
 from simrig.evaluation.stability.methods import (
     adaptive_rows,
@@ -31,14 +33,12 @@ from simrig.evaluation.stability.scattered import barycentric_rows, scattered_ro
 from simrig.evaluation.stability.subjects import small_slices
 from simrig.evaluation.stability.suite import stability_suite, stability_table
 from simrig.evaluation.stability.uniform import hard_samples, rbf_rows, uniform_rows
+from simrig.plans.adaptive import Knots
+from simrig.plans.slices import OPEN
+from simrig.plans.uniform import UniformPlan
 from simrig.plugins import make_bsdf
-from simrig.reconstruction.along_slices import INTERPOLATIONS, SliceInterpolator
-from simrig.reconstruction.by_name import reconstruct_by_name
-from simrig.reflectance import Kurt, KurtLobe, Ward
-from simrig.reflectance.thin_plate import ThinPlateSpline
-from simrig.sampling.adaptive import Knots
-from simrig.sampling.slices import OPEN
-from simrig.sampling.uniform import UniformPlan
+from simrig.reconstruction.scattered.by_name import reconstruct_by_name
+from simrig.reconstruction.slices.along_slices import INTERPOLATIONS, SliceInterpolator
 
 
 @pytest.mark.slow

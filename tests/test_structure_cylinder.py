@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from command_line import done, refusal
-from simrig.data.btf_hdf5 import write_btf
-from simrig.data.images import decode_srgb
-from simrig.evaluation.rendering import render
-from simrig.evaluation.structure_cylinder import UPRIGHT, cylinder_stimulus, lower_half
-from simrig.evaluation.structure_look import PREDICTING, look
+from simrig.btf.stack import BtfStack
+from simrig.files.btf.hdf5 import write_btf
+from simrig.files.images import decode_srgb
 from simrig.perception import PUBLISHED_MODELS
-from simrig.reflectance.btf import BtfStack
-from simrig.rigs.btf import btf_angles
+from simrig.rendering.render import render
+from simrig.rigs.btf.rig import btf_angles
 from simrig.scenes.cylinder_layout import cylinder_row, positions_mm
 from simrig.scenes.perspective import focal_pixels
 from simrig.scenes.receding_cylinders import receding_cylinders
 from simrig.scenes.stimuli import CYLINDER_RADIUS
+from simrig.viewing.structure.cylinder import UPRIGHT, cylinder_stimulus, lower_half
+from simrig.viewing.structure.probe import PREDICTING, look
 
 ALBEDO = 0.5
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}

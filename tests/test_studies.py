@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS
 from simrig.evaluation.studies import STUDIES, table_5_3
-from simrig.evaluation.studies.base import PRESETS
-from simrig.evaluation.studies.engine import StudyResults, load_results, run_study
-from simrig.evaluation.studies.page import write_page
-from simrig.evaluation.studies.storage import cell_key, plain
-from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
+from simrig.evaluation.studies.engine.base import PRESETS
+from simrig.evaluation.studies.engine.page import write_page
+from simrig.evaluation.studies.engine.run import StudyResults, load_results, run_study
+from simrig.evaluation.studies.engine.storage import cell_key, plain
 
 ONE_LOBE = ("brushed_aluminium", "purple_satin", "red_velvet", "yellow_satin")
 

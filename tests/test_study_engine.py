@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.evaluation.studies import distributed
-from simrig.evaluation.studies.base import Study
-from simrig.evaluation.studies.engine import load_results, run_study
-from simrig.evaluation.studies.storage import CONFIGURATION, cell_key, plain, write_table
+from simrig.core.errors import SimrigError
+from simrig.evaluation.studies.engine import distributed
+from simrig.evaluation.studies.engine.base import Study
+from simrig.evaluation.studies.engine.run import load_results, run_study
+from simrig.evaluation.studies.engine.storage import CONFIGURATION, cell_key, plain, write_table
 from studies_for_workers import SQUARES
 
 HERE = Path(__file__).parent

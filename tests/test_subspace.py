@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.errors import SimrigError
-from simrig.reconstruction.slices import reconstruct
-from simrig.reconstruction.subspace import reconstruct_subspace
-from simrig.reflectance import Lambert, kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement, SubspacePlacement
+from simrig.brdf import Lambert, kurt_material
+from simrig.core import backend
+from simrig.core.errors import SimrigError
+from simrig.plans.placement import SlicePlacement, SubspacePlacement
+from simrig.reconstruction.slices.subspace import reconstruct_subspace
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 RIG = Gonioreflectometer()
 

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simrig.brdf import KURT_MATERIALS
 from simrig.directions.schemes import uniform_scheme
-from simrig.evaluation.studies import table_5_2
-from simrig.evaluation.studies.engine import run_study
+from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.material_sets import material_sets
-from simrig.evaluation.studies.table_5_2 import (
+from simrig.evaluation.studies.table_5_2 import study as table_5_2
+from simrig.evaluation.studies.table_5_2.study import (
     PUBLISHED,
     PUBLISHED_MEAN,
     STUDY,
     run_cell,
     summarise,
 )
-from simrig.reflectance import KURT_MATERIALS
 
 SMALL = {
     **STUDY.presets["quick"],

@@ -6,19 +6,19 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.reflectance import Lambert, Ward, evaluate, kurt_material
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.isotropic import IsotropicTable, bin_directions, fill_invalid
-from simrig.reflectance.packed import RELATIVE_ERROR, gather_packed, pack_colours
-from simrig.reflectance.resample import (
+from simrig.brdf import Lambert, Ward, evaluate, kurt_material
+from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.isotropic import IsotropicTable, bin_directions, fill_invalid
+from simrig.brdf.tables.packed import RELATIVE_ERROR, gather_packed, pack_colours
+from simrig.brdf.tables.resample import (
     is_isotropic,
     resample_dense,
     resample_isotropic,
     resampling_error,
 )
+from simrig.core import backend
+from simrig.core.errors import SimrigError
+from simrig.directions import to_vector
 
 STEP = np.radians(15.0)
 

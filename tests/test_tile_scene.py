@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from simrig.errors import SimrigError
-from simrig.evaluation.rendering import load, render
+from simrig.core.errors import SimrigError
 from simrig.mesostructure import PRESETS, Tile, build_tile
 from simrig.mesostructure.heightfield import Grid
 from simrig.mesostructure.wood import spindles
+from simrig.rendering.render import load, render
 from simrig.scenes.parts import transform
 from simrig.scenes.tile import periods_for, tile_scene, tile_shapes
 

@@ -7,20 +7,20 @@ import sys
 import numpy as np
 import pytest
 
+from simrig.brdf import Lambert
+from simrig.btf.synthetic import grid_angles
+from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.errors import SimrigError
-from simrig.reconstruction.gantry import reconstruct_gantry
-from simrig.reconstruction.gantry_texels import texel_method
-from simrig.reconstruction.transport import displacement, transport_library, transport_rows
-from simrig.reconstruction.transport_circle import (
+from simrig.plans.gantry import GantryPlan
+from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
+from simrig.reconstruction.gantry.texels import texel_method
+from simrig.reconstruction.transport.circle import (
     circle_displacement,
     circle_plans,
     transport_circle,
 )
-from simrig.reflectance import Lambert
-from simrig.reflectance.btf_synthetic import grid_angles
-from simrig.rigs.gantry import Gantry
-from simrig.sampling.gantry import GantryPlan
+from simrig.reconstruction.transport.grid import displacement, transport_library, transport_rows
+from simrig.rigs.gantry.rig import Gantry
 
 PLAN = GantryPlan()
 RINGS = (Ring(0.0, 1), Ring(15.0, 3), Ring(50.0, 5), Ring(75.0, 4))

@@ -9,10 +9,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
-from simrig.evaluation.metrics import delta_e_map
-from simrig.evaluation.rendering import pixel_directions, render
-from simrig.scenes import bright_corner, build_scene, hidden_light, mirror_neighbour, traps
+from simrig.core.errors import SimrigError
+from simrig.evaluation.metrics.images import delta_e_map
+from simrig.rendering.render import pixel_directions, render
+from simrig.scenes import bright_corner, build_scene, hidden_light, mirror_neighbour
+from simrig.scenes import stress_scenes as traps
 
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}

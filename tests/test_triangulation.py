@@ -8,11 +8,11 @@ from drjit.scalar import Array3f64
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simrig import backend
-from simrig.arrays import gather
+from simrig.core import backend
+from simrig.core.arrays import gather
+from simrig.core.errors import SimrigError
 from simrig.directions import scheme, to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
-from simrig.errors import SimrigError
 
 SCHEMES = ("hemisphere_81", "hemisphere_151", "uniform_1", "uniform_30")
 

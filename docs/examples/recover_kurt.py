@@ -8,7 +8,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from simrig import backend
+from simrig.core import backend
 
 
 def sphere_scene(material: dict) -> object:

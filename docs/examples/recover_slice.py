@@ -13,12 +13,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from simrig import backend
+from simrig.brdf.kurt_materials import kurt_material
+from simrig.core import backend
+from simrig.plans.placement import SlicePlacement
 from simrig.plugins import make_bsdf
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance.kurt_materials import kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 LIGHTS = ((2.0, -4.0, 2.0), (-3.0, -4.0, 0.0), (0.0, -4.0, -3.0), (0.5, -5.0, 0.5))
 

@@ -7,15 +7,10 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from simrig.evaluation.benchmarks import (
-    btf,
-    btf_measurement,
-    planned,
-    plugins,
-    sampling,
-    storage,
-    whole_array,
-)
+from simrig.evaluation.benchmarks import planned, plugins, sampling, storage
+from simrig.evaluation.benchmarks.btf import measurement as btf_measurement
+from simrig.evaluation.benchmarks.btf import rendering as btf
+from simrig.evaluation.benchmarks.whole_array import methods as whole_array
 
 BENCHMARKS: dict[str, ModuleType] = {
     "btf": btf,

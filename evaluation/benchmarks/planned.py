@@ -22,14 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from simrig import backend
-from simrig.data.load import load_material
-from simrig.errors import SimrigError
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.evaluation.benchmarks.timing import text_table
-from simrig.evaluation.metrics import delta_e_map, foreground_mask
-from simrig.evaluation.planning import plan_scene, planned_integrator, planned_render
-from simrig.evaluation.rendering import Clock, load, timed
+from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
+from simrig.files.load import load_material
+from simrig.planning import plan_scene, planned_integrator, planned_render
 from simrig.plugins import make_bsdf
+from simrig.rendering.render import Clock, load, timed
 from simrig.scenes import build_scene
 
 MATERIALS = ("lambert", "yellow_satin", "fabric112")

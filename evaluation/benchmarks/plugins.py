@@ -19,18 +19,18 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig import backend
-from simrig.data.rgl_writer import write_rgl
-from simrig.errors import SimrigError
+from simrig.brdf import Reflectance, Ward, kurt_material
+from simrig.brdf.tables.resample import resample_dense
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.evaluation.benchmarks.timing import side_by_side, text_table
-from simrig.evaluation.metrics import delta_e_map
-from simrig.evaluation.rendering import display_exposure, load
+from simrig.evaluation.metrics.images import delta_e_map
+from simrig.files.rgl.writer import write_rgl
+from simrig.plans.placement import optimal_placement
 from simrig.plugins import make_bsdf
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance import Reflectance, Ward, kurt_material
-from simrig.reflectance.resample import resample_dense
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import optimal_placement
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rendering.render import display_exposure, load
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.scenes import build_scene
 
 MATERIAL = "fabric112"

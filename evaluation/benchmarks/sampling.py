@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from simrig.brdf import kurt_material
 from simrig.evaluation.benchmarks.timing import side_by_side, text_table
-from simrig.reflectance import kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.adaptive import AdaptiveSamples
-from simrig.sampling.placement import SlicePlacement
-from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC, build_slices
+from simrig.plans.adaptive import AdaptiveSamples
+from simrig.plans.placement import SlicePlacement
+from simrig.plans.slices import MIRRORED, OPEN, PERIODIC, build_slices
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 MATERIAL = "yellow_satin"
 SAMPLES = 18721

@@ -13,14 +13,14 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig import backend
+from simrig.brdf import kurt_material
+from simrig.brdf.tables.grid import to_dense
+from simrig.core import backend
 from simrig.evaluation.benchmarks.timing import text_table
-from simrig.evaluation.mre import mre_exact
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance import kurt_material
-from simrig.reflectance.grid import to_dense
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.evaluation.metrics.mre import mre_exact
+from simrig.plans.placement import SlicePlacement
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 MATERIAL = "fabric112"
 # samples: (elevation step, azimuth step, published MB); thesis Table D.3

@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.evaluation.rendering import timed
+from simrig.rendering.render import timed
 
 
 @dataclass(frozen=True)

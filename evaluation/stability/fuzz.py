@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.evaluation.hard_cases import HardCase
+from simrig.evaluation.stability.hard_cases import HardCase
 
 FUZZ_PAIRS = 128
 

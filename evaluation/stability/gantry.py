@@ -15,17 +15,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from simrig.cost import Cost
+from simrig.brdf.minnaert import fit_lafortune
+from simrig.core.cost import Cost
 from simrig.evaluation.stability.methods import method_row, signals
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.uniform import rbf_row
-from simrig.reconstruction.gantry import SubspaceNodes
-from simrig.reconstruction.gantry_elevations import Blend, fill_elevations, linear
-from simrig.reconstruction.gantry_subspace import subspaces
-from simrig.reconstruction.transport import displacement, transport_rows
-from simrig.reflectance.lafortune import fit_lafortune
-from simrig.rigs.directions_measurement import DirectionsMeasurement
-from simrig.sampling.gantry import GantryPlan
+from simrig.plans.gantry import GantryPlan
+from simrig.reconstruction.gantry.brdfs import SubspaceNodes
+from simrig.reconstruction.gantry.polar_angles import Blend, fill_elevations, linear
+from simrig.reconstruction.gantry.subspace import subspaces
+from simrig.reconstruction.transport.grid import displacement, transport_rows
+from simrig.rigs.measurements.directions import DirectionsMeasurement
 
 _AZIMUTHS = 8
 _SMALLEST = float(np.nextafter(0.0, 1.0))

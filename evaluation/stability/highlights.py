@@ -12,15 +12,15 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from simrig import backend
+from simrig.core import backend
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.subjects import FAINT
-from simrig.reconstruction.highlights import (
+from simrig.plans.adaptive import sample_adaptively
+from simrig.plans.placement import SubspacePlacement
+from simrig.reconstruction.slices.highlights import (
     HighlightSubspace,
     reconstruct_subspace_along_highlights,
 )
-from simrig.sampling.adaptive import sample_adaptively
-from simrig.sampling.placement import SubspacePlacement
 
 _TURN = 2.0 * np.pi
 # theta_i and theta_v in degrees

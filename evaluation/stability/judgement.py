@@ -11,13 +11,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from simrig import backend
+from simrig.core import backend
 from simrig.directions import to_angles
-from simrig.evaluation.hard_cases import HardCase
+from simrig.evaluation.stability.hard_cases import HardCase
 from simrig.evaluation.stability.rows import StabilityRow
-from simrig.evaluation.stability.subjects import (
-    Subject,
-)
+from simrig.evaluation.stability.subjects import Subject
 
 PRECISIONS = ("numpy-float64", "drjit-float64", "drjit-float32")
 

@@ -15,18 +15,18 @@ from functools import partial
 
 import numpy as np
 
-from simrig.errors import SimrigError
-from simrig.evaluation.hard_cases import HardCase
+from simrig.brdf.slices.slices import SliceReflectance
+from simrig.core.errors import SimrigError
+from simrig.evaluation.stability.hard_cases import HardCase
 from simrig.evaluation.stability.judgement import AMPLIFICATION, ROUNDINGS, direction_rows, explain
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.splines import slice_errors, slice_plans
 from simrig.evaluation.stability.subjects import FAINT, ReflectanceSubject
-from simrig.reconstruction.along_slices import INTERPOLATIONS
-from simrig.reconstruction.highlights import reconstruct_along_highlights
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance.slices import SliceReflectance
-from simrig.sampling.adaptive import leave_one_out_errors, sample_adaptively
-from simrig.sampling.placement import SlicePlacement
+from simrig.plans.adaptive import leave_one_out_errors, sample_adaptively
+from simrig.plans.placement import SlicePlacement
+from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
+from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
+from simrig.reconstruction.slices.tables import reconstruct
 
 Job = Callable[[], list[StabilityRow]]
 

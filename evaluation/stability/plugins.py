@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from simrig import backend
-from simrig.evaluation.hard_cases import HardCase
+from simrig.brdf import Reflectance
+from simrig.brdf.tables.packed import RELATIVE_ERROR
+from simrig.core import backend
+from simrig.evaluation.stability.hard_cases import HardCase
 from simrig.evaluation.stability.judgement import direction_rows
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.subjects import FAINT, conditioning_of
 from simrig.plugins.lobes import mixture_pdf
-from simrig.reflectance import Reflectance
-from simrig.reflectance.packed import RELATIVE_ERROR
 
 _BELOW = (0.0, 0.0, -1.0)  # stands for a draw that fell below the horizon
 
@@ -203,8 +203,8 @@ def _rows_of_named(
 
 def _material_file(plugin: str, folder: Path) -> Path:
     """Write the kind of material that a plugin reads."""
-    from simrig.data.load import save_material
     from simrig.evaluation.stability.subjects import small_slices, small_table
+    from simrig.files.load import save_material
 
     path = folder / "material.h5"
     save_material(path, small_slices() if plugin == "simrig_slices" else small_table(), None)

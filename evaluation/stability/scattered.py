@@ -6,18 +6,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simrig.directions import to_vector
-from simrig.errors import SimrigError
-from simrig.evaluation.stability.methods import method_row, refused_row
-from simrig.evaluation.stability.rows import StabilityRow
-from simrig.reflectance.scattered import (
+from simrig.brdf.tables.scattered import (
     IsotropicInterpolator,
     ScatteredSamples,
     barycentric_weights,
     spline_monomials,
     spline_system,
 )
-from simrig.reflectance.thin_plate import thin_plate
+from simrig.brdf.tables.thin_plate import thin_plate
+from simrig.core.errors import SimrigError
+from simrig.directions import to_vector
+from simrig.evaluation.stability.methods import method_row, refused_row
+from simrig.evaluation.stability.rows import StabilityRow
 
 _COUNT, _QUERIES = 40, 200
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from simrig.reconstruction.along_slices import SliceInterpolator
-from simrig.sampling.adaptive import Knots
-from simrig.sampling.slices import MIRRORED, OPEN, PERIODIC
+from simrig.plans.adaptive import Knots
+from simrig.plans.slices import MIRRORED, OPEN, PERIODIC
+from simrig.reconstruction.slices.along_slices import SliceInterpolator
 
 _ENDS = (OPEN, PERIODIC, MIRRORED)
 _JITTERS = 4

@@ -8,17 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simrig.arrays import vector_type
-from simrig.directions import (
-    from_half_difference,
-    from_onion,
-    to_angles,
-    to_half_difference,
-    to_onion,
-    to_vector,
-)
-from simrig.evaluation.hard_cases import REFLECTANCE_VALUES, ROUGHNESS
-from simrig.reflectance import (
+from simrig.brdf import (
     KURT_MATERIALS,
     RESCALED_MATERIALS,
     Kurt,
@@ -29,7 +19,17 @@ from simrig.reflectance import (
     evaluate,
     kurt_material,
 )
-from simrig.reflectance.slices import SliceReflectance
+from simrig.brdf.slices.slices import SliceReflectance
+from simrig.core.arrays import vector_type
+from simrig.directions import (
+    from_half_difference,
+    from_onion,
+    to_angles,
+    to_half_difference,
+    to_onion,
+    to_vector,
+)
+from simrig.evaluation.stability.hard_cases import REFLECTANCE_VALUES, ROUGHNESS
 
 # Relative errors of reflectances are relative to at least this (1/sr): 66 EV below white, where
 # products in float32 start to lose digits to underflow
@@ -218,7 +218,7 @@ def _analytic() -> Iterable[Reflectance]:
 
 def _tabulated() -> Iterable[Reflectance]:
     """Yield one material in every kind of table, coarsely: the nodes are hard, not the data."""
-    from simrig.reflectance.resample import resample_isotropic
+    from simrig.brdf.tables.resample import resample_isotropic
 
     yield small_slices()
     yield small_table()
@@ -228,9 +228,9 @@ def _tabulated() -> Iterable[Reflectance]:
 
 def small_slices() -> Reflectance:
     """Return a material measured and reconstructed along few slices."""
-    from simrig.reconstruction.slices import reconstruct
-    from simrig.rigs.gonioreflectometer import Gonioreflectometer
-    from simrig.sampling.placement import SlicePlacement
+    from simrig.plans.placement import SlicePlacement
+    from simrig.reconstruction.slices.tables import reconstruct
+    from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
     placement = SlicePlacement.from_degrees(20.0, 60.0)
     measurement = Gonioreflectometer().measure(kurt_material("fabric112"), placement, 2000)
@@ -239,7 +239,7 @@ def small_slices() -> Reflectance:
 
 def small_table() -> Reflectance:
     """Return a material in a coarse table over all four angles."""
-    from simrig.reflectance.resample import resample_dense
+    from simrig.brdf.tables.resample import resample_dense
 
     table = resample_dense(kurt_material("fabric112"), np.radians(10.0), 36)
     return _renamed(table, "dense_table")

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from simrig import backend
-from simrig.errors import unknown_name
-from simrig.evaluation.hard_cases import HardCase, hard_cases
+from simrig.brdf import Reflectance
+from simrig.core import backend
+from simrig.core.errors import unknown_name
 from simrig.evaluation.stability.fuzz import fuzz_cases
+from simrig.evaluation.stability.hard_cases import HardCase, hard_cases
 from simrig.evaluation.stability.judgement import PRECISIONS, direction_rows
 from simrig.evaluation.stability.methods import method_jobs
 from simrig.evaluation.stability.plugins import plugin_jobs
@@ -26,7 +27,6 @@ from simrig.evaluation.stability.subjects import (
     default_parameterisations,
     default_reflectances,
 )
-from simrig.reflectance import Reflectance
 
 Progress = Callable[[int, int], None]  # objects done, objects in total
 

@@ -12,20 +12,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.cost import Cost
+from simrig.brdf import Reflectance, evaluate
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.directions.schemes import HemisphereScheme, uniform_scheme
-from simrig.errors import SimrigError
-from simrig.evaluation.hard_cases import HardCase
+from simrig.evaluation.stability.hard_cases import HardCase
 from simrig.evaluation.stability.judgement import direction_rows
 from simrig.evaluation.stability.methods import method_row, refused_row, signals
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.subjects import FAINT, ReflectanceSubject
-from simrig.reconstruction.by_name import reconstruct_by_name
-from simrig.reconstruction.rbf import reconstruct_rbf
-from simrig.reflectance import Reflectance, evaluate
-from simrig.rigs.directions_measurement import DirectionsMeasurement
-from simrig.sampling.uniform import UniformPlan
+from simrig.plans.uniform import UniformPlan
+from simrig.reconstruction.scattered.by_name import reconstruct_by_name
+from simrig.reconstruction.scattered.rbf import reconstruct_rbf
+from simrig.rigs.measurements.directions import DirectionsMeasurement
 
 _SAMPLES, _QUERIES = 40, 200
 _MERGED = 1e-8  # radians between the samples of the closest case, which are merged
@@ -136,7 +136,7 @@ def rbf_row(
     Args:
         case, name: of the row.
         measurement: the samples.
-        neighbours, logarithms, reciprocal: see ``simrig.reconstruction.rbf.reconstruct_rbf``.
+        neighbours, logarithms, reciprocal: see ``simrig.reconstruction.scattered.rbf.reconstruct_rbf``.
     """
     try:
         result = reconstruct_rbf(

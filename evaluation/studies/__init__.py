@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from simrig.evaluation.studies import (
-    btf_against_structure,
-    btf_slices,
     critical_distance,
-    gantry_elevations,
-    gantry_methods,
-    gantry_slices,
     improved,
     isotropic_measured,
-    pareto,
-    placement,
     plan_validation,
-    room_switch,
-    table_5_2,
     table_5_3,
 )
-from simrig.evaluation.studies.base import Study
+from simrig.evaluation.studies.btf_against_structure import study as btf_against_structure
+from simrig.evaluation.studies.btf_slices import study as btf_slices
+from simrig.evaluation.studies.engine.base import Study
+from simrig.evaluation.studies.gantry import methods as gantry_methods
+from simrig.evaluation.studies.gantry import polar_angles as gantry_elevations
+from simrig.evaluation.studies.gantry import slices as gantry_slices
+from simrig.evaluation.studies.pareto import study as pareto
+from simrig.evaluation.studies.placement import study as placement
+from simrig.evaluation.studies.room_switch import study as room_switch
+from simrig.evaluation.studies.table_5_2 import study as table_5_2
 
 STUDIES: dict[str, Study] = {
     study.name: study

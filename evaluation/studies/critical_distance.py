@@ -2,7 +2,7 @@
 
 The thesis asked people (Figs 3.11 to 3.14) and fitted E = k_1 + k_2·S·F to their answers (Tables
 3.1 and 3.2). Here the features F look at the presets of ``simrig.mesostructure`` as
-``evaluation/structure_look.py`` shows them, S is the size of the presets' largest element, and the
+``simrig/viewing/structure/probe.py`` shows them, S is the size of the presets' largest element, and the
 published constants give the distances. Our materials are not the thesis's, so groups are compared;
 its distances of single materials are drawn only. The same features are then fitted to the
 published distances of the groups, with leave-one-out, beside Tables 3.1 and 3.2.
@@ -18,10 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
-from simrig.evaluation.room import GROUP_DISTANCES_M
-from simrig.evaluation.structure_look import FEATURES, PATCH, PREDICTING, look, tile_stimulus
-from simrig.evaluation.studies.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.mesostructure import PRESETS as MATERIALS
 from simrig.mesostructure import build_tile
 from simrig.perception import (
@@ -30,6 +27,9 @@ from simrig.perception import (
     cycles_per_degree,
     fit_distances,
 )
+from simrig.viewing.plots import COLOURS, finish_figure, new_figure
+from simrig.viewing.room import GROUP_DISTANCES_M
+from simrig.viewing.structure.probe import FEATURES, PATCH, PREDICTING, look, tile_stimulus
 
 # thesis Table 3.1: Pearson correlation of S·F with experiment B; VDP2 stands beside FLIP
 PUBLISHED_CORRELATIONS = {
@@ -66,7 +66,7 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     """Render one material and look at it."""
-    from simrig import backend
+    from simrig.core import backend
 
     backend.select()
     tile = build_tile(cell["material"])

@@ -25,22 +25,22 @@ from typing import Any
 
 import numpy as np
 
-from simrig.data.load import load_material
-from simrig.evaluation.brdf_picture import brdf_exposure
-from simrig.evaluation.metrics import displayed, psnr_from_mse
-from simrig.evaluation.mre import mre_estimate
-from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure
-from simrig.evaluation.studies.base import Cell, Config, Row, Study
-from simrig.reconstruction.highlights import (
+from simrig.brdf import KURT_MATERIALS
+from simrig.brdf.protocol import Reflectance
+from simrig.evaluation.metrics.images import displayed, psnr_from_mse
+from simrig.evaluation.metrics.mre import mre_estimate
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.files.load import load_material
+from simrig.plans.placement import SlicePlacement, SubspacePlacement
+from simrig.reconstruction.slices.highlights import (
     reconstruct_along_highlights,
     reconstruct_subspace_along_highlights,
 )
-from simrig.reconstruction.slices import reconstruct
-from simrig.reconstruction.subspace import reconstruct_subspace
-from simrig.reflectance import KURT_MATERIALS
-from simrig.reflectance.protocol import Reflectance
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement, SubspacePlacement
+from simrig.reconstruction.slices.subspace import reconstruct_subspace
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.viewing.brdf.picture import brdf_exposure
+from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure
 
 PUBLISHED = {"samples": 1555, "materials": 37, "materials_that_gain": 37}
 _HIGHEST = 99.0  # dB: pictures that differ by less are equal

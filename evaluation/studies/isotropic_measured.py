@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simrig.data.load import load_material
-from simrig.evaluation.gantry_trials import (
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.gantry.trials import (
     ERRORS,
     Picture,
     cost_text,
@@ -24,9 +24,9 @@ from simrig.evaluation.gantry_trials import (
     mean_cost,
     mean_errors,
 )
-from simrig.evaluation.plots import COLOURS, finish_figure, new_figure
-from simrig.evaluation.studies.base import Cell, Config, Row, Study
-from simrig.sampling.gantry import GantryPlan
+from simrig.files.load import load_material
+from simrig.plans.gantry import GantryPlan
+from simrig.viewing.plots import COLOURS, finish_figure, new_figure
 
 PUBLISHED = {"delta_e": 9.1, "rmse": 15.7, "psnr": 24.9}  # means over 55 MERL materials
 FILES = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from simrig.reflectance import KURT_MATERIALS
+from simrig.brdf import KURT_MATERIALS
 
 
 def material_sets(materials: Sequence[str]) -> dict[str, list[str]]:

@@ -23,19 +23,19 @@ from typing import Any
 
 import numpy as np
 
-from simrig import backend
-from simrig.data.load import load_material
-from simrig.effects import Plan, Tolerance
-from simrig.evaluation.ablation import effect_rows, plan_row, planned_render_row
-from simrig.evaluation.ablation_pictures import Pictures
+from simrig.core import backend
+from simrig.core.effects import Plan, Tolerance
+from simrig.evaluation.ablation.pictures import Pictures
+from simrig.evaluation.ablation.run import effect_rows, plan_row, planned_render_row
 from simrig.evaluation.benchmarks import planned
-from simrig.evaluation.planning import plan_scene, planned_render
-from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
-from simrig.evaluation.rendering import RenderResult
-from simrig.evaluation.replicates import Change
-from simrig.evaluation.studies.base import Cell, Config, Row, Study
+from simrig.evaluation.metrics.replicates import Change
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.files.load import load_material
+from simrig.planning import plan_scene, planned_render
 from simrig.plugins import make_bsdf
+from simrig.rendering.render import RenderResult
 from simrig.scenes import build_scene
+from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 
 # scene: options that keep it small; an environment of fewer lights is no easier to plan
 SCENE_OPTIONS: dict[str, dict[str, Any]] = {

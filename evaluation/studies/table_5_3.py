@@ -12,7 +12,7 @@ simrig does by default, where the value at theta = 0 does not depend on the azim
 
 The printed k_s of the second lobes of Table D.1 is probably a misprint. ``rows`` has the
 materials as printed; ``rescaled_rows`` has the six two-lobe materials with the inferred factors
-of ``simrig.reflectance.kurt_materials``, against the same published numbers.
+of ``simrig.brdf.kurt_materials``, against the same published numbers.
 
 Source: thesis section 5.5.4, Table 5.3.
 """
@@ -23,15 +23,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simrig.cost import stopwatch
-from simrig.evaluation.mre import mre_exact
-from simrig.evaluation.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
-from simrig.evaluation.studies.base import Cell, Config, Row, Study
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
-from simrig.reflectance.grid import to_dense
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
+from simrig.brdf.tables.grid import to_dense
+from simrig.core.cost import stopwatch
+from simrig.evaluation.metrics.mre import mre_exact
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.plans.placement import SlicePlacement
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 
 # case: (samples, elevation step, azimuth step, slice types)
 CASES: dict[str, tuple[int, float, float, str]] = {

@@ -30,10 +30,10 @@ def ablate(
 
     Exit code 2 when a bound is smaller than what was measured: a defect of the planner.
     """
-    from simrig import backend
-    from simrig.effects import parse_tolerance
-    from simrig.evaluation import ablation
-    from simrig.evaluation.ablation_report import ablation_tables
+    from simrig.core import backend
+    from simrig.core.effects import parse_tolerance
+    from simrig.evaluation.ablation import run as ablation
+    from simrig.evaluation.ablation.report import ablation_tables
 
     allowed = parse_tolerance(tolerance)
     chosen = backend.select(variant)

@@ -9,7 +9,6 @@ import typer
 from simrig import __version__
 from simrig.cli import (
     ablate,
-    btf,
     compare,
     converge,
     convert,
@@ -26,6 +25,7 @@ from simrig.cli import (
     stimuli,
     studies,
 )
+from simrig.cli.btf import measure as btf
 
 app = typer.Typer(
     name="simrig",

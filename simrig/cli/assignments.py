@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 
 def assignments(option: str, form: str, texts: Sequence[str] | None) -> dict[str, str]:

@@ -9,7 +9,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 _PICTURES = (".exr", ".hdr", ".pic", ".png")
 
@@ -63,9 +63,9 @@ def _pictures(
 ) -> frame.Report:
     from contextlib import ExitStack
 
-    from simrig.data.images import read_image, write_png
     from simrig.evaluation.comparison import compare_images
-    from simrig.evaluation.metrics import foreground_mask
+    from simrig.evaluation.metrics.images import foreground_mask
+    from simrig.files.images import read_image, write_png
 
     with ExitStack() as held:
         if difference is not None:
@@ -83,8 +83,8 @@ def _pictures(
 
 
 def _materials(reference: str, other: str, step: float, theta_max: float) -> frame.Report:
-    from simrig.data.load import load_material
     from simrig.evaluation.comparison import compare_reflectances
+    from simrig.files.load import load_material
 
     truth, approximation = load_material(reference), load_material(other)
     with frame.progress("comparing"):

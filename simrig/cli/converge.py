@@ -47,11 +47,11 @@ def converge(
     """
     from contextlib import ExitStack
 
-    from simrig import backend
-    from simrig.effects import parse_tolerance
-    from simrig.evaluation import convergence
-    from simrig.evaluation.convergence_ledger import Ledger
-    from simrig.evaluation.convergence_report import convergence_tables
+    from simrig.core import backend
+    from simrig.core.effects import parse_tolerance
+    from simrig.evaluation.convergence import run as convergence
+    from simrig.evaluation.convergence.ledger import Ledger
+    from simrig.evaluation.convergence.report import convergence_tables
 
     allowed = parse_tolerance(tolerance)
     settings: dict[str, Any] = {
@@ -102,7 +102,7 @@ def converge(
 def _write(folder: Path, result: Any, data: dict[str, Any]) -> None:
     import json
 
-    from simrig.evaluation.convergence_report import convergence_csv, convergence_plot
+    from simrig.evaluation.convergence.report import convergence_csv, convergence_plot
 
     convergence_csv(result, folder / "convergence.csv")
     if result.points:  # the reference may have taken all of the time

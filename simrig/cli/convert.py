@@ -9,7 +9,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 
 def register(app: typer.Typer) -> None:
@@ -36,7 +36,7 @@ def convert(
     """
     from dataclasses import asdict
 
-    from simrig.data.load import load_material, save_material
+    from simrig.files.load import load_material, save_material
 
     if material is None:
         return _formats()
@@ -63,7 +63,7 @@ def convert(
 def _formats() -> frame.Report:
     from dataclasses import asdict
 
-    from simrig.data.load import FORMATS
+    from simrig.files.load import FORMATS
 
     rows = [
         (f.name, " ".join(f.suffixes), _yes(f.reads), _yes(f.writes), f.description)

@@ -10,11 +10,11 @@ import typer
 from simrig.cli import frame
 from simrig.cli.assignments import assignments
 from simrig.cli.outputs import output_file
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
-    from simrig.evaluation.structure_look import Stimulus
     from simrig.mesostructure.tile import Tile
+    from simrig.viewing.structure.probe import Stimulus
 
 _HDF5 = (".h5", ".hdf5")
 _PICTURES = (".png", ".exr", ".hdr")
@@ -55,7 +55,7 @@ def distance(
     What is looked at: a flat piece from 0.6 m under two lights, or a cylinder that stands there,
     see docs/perception.md.
     """
-    from simrig.evaluation.structure_look import FEATURES, look
+    from simrig.viewing.structure.probe import FEATURES, look
 
     size: float | None
     if stimulus not in STIMULI:
@@ -109,11 +109,11 @@ def distance_map(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
 ) -> frame.Report:
     """Draw where in a scene the structure of materials can be seen from the camera."""
-    from simrig import backend
     from simrig.cli.scene_argument import scene_file
-    from simrig.evaluation.distance_map import distance_map as measure
-    from simrig.evaluation.distance_map import draw_distance_map, load_as_written
-    from simrig.evaluation.rendering import display_exposure, render
+    from simrig.core import backend
+    from simrig.rendering.render import display_exposure, render
+    from simrig.viewing.distance_map import distance_map as measure
+    from simrig.viewing.distance_map import draw_distance_map, load_as_written
 
     if output.suffix.lower() != ".png":
         raise SimrigError(f"'{output}': maps are written as .png")
@@ -151,7 +151,7 @@ def _flat(
     material: str, size_mm: float | None = None, *, spp: int | None, seed: int = 0, **_of_btf: int
 ) -> tuple[Stimulus, float | None]:
     """Return a flat piece, and the size of its structure where it is known."""
-    from simrig.evaluation import structure_look as looks
+    from simrig.viewing.structure import probe as looks
 
     is_picture = Path(material).suffix.lower() in _PICTURES
     if is_picture and size_mm is None:
@@ -162,11 +162,11 @@ def _flat(
         advice = "--size-mm says how wide a picture is, and only a picture needs it"
         raise SimrigError(f"'{material}': {advice}")
     if size_mm is not None:
-        from simrig.data.images import read_image
+        from simrig.files.images import read_image
 
         return looks.image_stimulus(read_image(material), size_mm, Path(material).name), None
     if Path(material).suffix.lower() in _HDF5:
-        from simrig.data.btf_hdf5 import read_btf
+        from simrig.files.btf.hdf5 import read_btf
 
         stack = read_btf(material)
         return looks.btf_stimulus(stack), looks.element_of_preset(stack.name)
@@ -181,26 +181,26 @@ def _cylinder(
     if size_mm is not None or Path(material).suffix.lower() in _PICTURES:
         raise SimrigError(f"'{material}': a cylinder needs a BTF, look at a picture with flat")
     if Path(material).suffix.lower() in _HDF5:
-        from simrig import backend
-        from simrig.data.btf_hdf5 import read_btf
-        from simrig.evaluation.structure_look import element_of_preset
+        from simrig.core import backend
+        from simrig.files.btf.hdf5 import read_btf
+        from simrig.viewing.structure.probe import element_of_preset
 
         stack = read_btf(material)
         backend.select()
         size = element_of_preset(stack.name)
     else:
-        from simrig.evaluation.structure_cylinder import measured_upright
+        from simrig.viewing.structure.cylinder import measured_upright
 
         tile = _tile(material, seed)
         stack, size = measured_upright(tile, texels, spp or 16), tile.element_mm
-    from simrig.evaluation.structure_cylinder import cylinder_stimulus
+    from simrig.viewing.structure.cylinder import cylinder_stimulus
 
     return cylinder_stimulus(stack), size
 
 
 def _tile(material: str, seed: int) -> Tile:
     """Return the tile of a preset; an unknown name is refused with the known ones."""
-    from simrig import backend
+    from simrig.core import backend
     from simrig.mesostructure import build_tile
 
     tile = build_tile(material, seed=seed)
@@ -217,7 +217,7 @@ def _metres(value: str) -> float:
     try:
         return float(value)
     except ValueError:
-        from simrig.evaluation.structure_look import look
+        from simrig.viewing.structure.probe import look
 
         stimulus, size = _flat(value, spp=64)
         return look(stimulus, size).distances_m["saliency"]

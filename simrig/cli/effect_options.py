@@ -14,11 +14,11 @@ import typer
 from typer.core import TyperCommand
 
 from simrig.cli import frame
-from simrig.effects import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
+from simrig.core.effects import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
 if TYPE_CHECKING:
-    from simrig.effects import Plan
-    from simrig.evaluation.experiment_config import Experiment
+    from simrig.core.effects import Plan
+    from simrig.evaluation.experiment.config import Experiment
 
 _FORCE, _SIMULATE = "--force", "--simulate"
 _MISSPELT = 0.8  # likeness (difflib) from which on a word is taken for an effect
@@ -81,8 +81,8 @@ def _means_an_effect(word: str) -> bool:
 
 
 def _known_effects() -> tuple[str, ...]:
-    from simrig.evaluation.planning import EFFECT_NAMES
-    from simrig.rigs.effects import RIG_EFFECT_NAMES
+    from simrig.planning import EFFECT_NAMES
+    from simrig.rigs.direct.effects import RIG_EFFECT_NAMES
 
     return (*EFFECT_NAMES, *RIG_EFFECT_NAMES)
 

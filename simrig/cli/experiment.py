@@ -12,7 +12,7 @@ from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_folder
 
 if TYPE_CHECKING:
-    from simrig.evaluation.experiment_config import Experiment
+    from simrig.evaluation.experiment.config import Experiment
 
 _Output = Annotated[Path, typer.Option(help="The folder for pictures, data and the report.")]
 _Variant = Annotated[str | None, typer.Option(help="Mitsuba variant, or 'auto'.")]
@@ -45,7 +45,7 @@ def demo(
     which is one file and needs nothing else. After Ctrl-C the same command goes on. What the
     pictures simulate follows from the tolerance, see 'simrig plan'.
     """
-    from simrig.evaluation.experiment_config import demo_experiment
+    from simrig.evaluation.experiment.config import demo_experiment
 
     config = effect_options.experiment_with(
         demo_experiment(material), tolerance, simulate, without, everything
@@ -69,7 +69,7 @@ def run(
 
     Every scene is planned for the tolerance that is given here or in the file (see 'simrig plan').
     """
-    from simrig.evaluation.experiment_config import Experiment
+    from simrig.evaluation.experiment.config import Experiment
 
     config = effect_options.experiment_with(
         Experiment.from_toml(experiment), tolerance, simulate, without, everything
@@ -78,9 +78,9 @@ def run(
 
 
 def _experiment(config: Experiment, output: Path, variant: str | None, force: bool) -> frame.Report:
-    from simrig import backend
-    from simrig.evaluation.experiment import run_experiment
-    from simrig.evaluation.planning.experiments import check_plans
+    from simrig.core import backend
+    from simrig.evaluation.experiment.plans import check_plans
+    from simrig.evaluation.experiment.run import run_experiment
 
     if variant is not None:
         config = replace(config, variant=variant)

@@ -30,7 +30,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -133,9 +133,9 @@ def _with_nearest(message: str) -> str:
 
 
 def _mute_native_messages() -> None:
-    """Let ``simrig.backend`` be the first to import Dr.Jit, which it does without its messages."""
+    """Let ``simrig.core.backend`` be the first to import Dr.Jit, which it does without its messages."""
     with suppress(ImportError):  # the doctor must be able to say that Dr.Jit is missing
-        importlib.import_module("simrig.backend")
+        importlib.import_module("simrig.core.backend")
 
 
 @contextmanager

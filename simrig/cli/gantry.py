@@ -9,7 +9,7 @@ from simrig.cli import frame
 from simrig.cli.measured import measurement_report
 
 if TYPE_CHECKING:
-    from simrig.reflectance import Reflectance
+    from simrig.brdf import Reflectance
 
 
 def measure_gantry(
@@ -26,8 +26,8 @@ def measure_gantry(
     Raises:
         SimrigError: too few samples, or elevations beyond the material's data.
     """
-    from simrig.rigs.gantry import Gantry
-    from simrig.sampling.gantry import GantryPlan, gantry_plan
+    from simrig.plans.gantry import GantryPlan, gantry_plan
+    from simrig.rigs.gantry.rig import Gantry
 
     if samples is None:
         plan = GantryPlan(axial=0 if isotropic else 1)

@@ -10,10 +10,10 @@ import typer
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
 from simrig.cli.structures import describe, listing
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
-    from simrig.reflectance import Reflectance
+    from simrig.brdf import Reflectance
 
 _ALBEDO_VIEWS_DEG = (0.0, 60.0)  # of one material; lists show the first
 _SHOWN_NUMBERS = 12  # parameters with more values are tables, shown by their shape
@@ -39,7 +39,7 @@ def materials(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
 ) -> frame.Report:
     """List the built-in materials and scenes, or describe one of them or a material file."""
-    from simrig.data.load import MATERIALS
+    from simrig.files.load import MATERIALS
     from simrig.mesostructure import PRESETS
     from simrig.scenes import SCENES
 
@@ -69,9 +69,9 @@ def _draw(name: str, path: Path, force: bool) -> str:
     """Write the BRDF picture of a material, and return what to say about it."""
     import numpy as np
 
-    from simrig.data.images import write_exr, write_png
-    from simrig.data.load import load_material
-    from simrig.evaluation.brdf_picture import ELEVATIONS_DEG, brdf_exposure, brdf_picture
+    from simrig.files.images import write_exr, write_png
+    from simrig.files.load import load_material
+    from simrig.viewing.brdf.picture import ELEVATIONS_DEG, brdf_exposure, brdf_picture
 
     if path.suffix not in (".png", ".exr"):
         raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
@@ -92,7 +92,7 @@ def _draw(name: str, path: Path, force: bool) -> str:
 
 
 def _all() -> frame.Report:
-    from simrig.data.load import MATERIALS, load_material
+    from simrig.files.load import MATERIALS, load_material
     from simrig.scenes import SCENES
 
     known = [
@@ -116,7 +116,7 @@ def _all() -> frame.Report:
 
 
 def _material(name: str) -> frame.Report:
-    from simrig.data.load import load_material
+    from simrig.files.load import load_material
 
     reflectance = load_material(name)
     about = _summary(reflectance, _origin(name), _ALBEDO_VIEWS_DEG)
@@ -128,8 +128,8 @@ def _material(name: str) -> frame.Report:
 
 
 def _origin(name: str) -> str:
-    from simrig.data.load import MATERIALS, file_format
-    from simrig.reflectance import KURT_MATERIALS, RESCALED_MATERIALS
+    from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS
+    from simrig.files.load import MATERIALS, file_format
 
     if name in KURT_MATERIALS:
         return "thesis Table D.1, as printed"
@@ -156,7 +156,7 @@ def _summary(reflectance: Reflectance, origin: str, views_deg: tuple[float, ...]
     """Return what one line of the list says, angles in degrees, albedo in linear RGB."""
     import numpy as np
 
-    from simrig.reflectance.albedo import directional_albedo
+    from simrig.brdf.albedo import directional_albedo
 
     albedo = {
         f"{view:g}": directional_albedo(reflectance, np.radians(view)).tolist()

@@ -12,13 +12,13 @@ from simrig.cli import effect_options, frame
 from simrig.cli.gantry import measure_gantry
 from simrig.cli.measured import measurement_report
 from simrig.cli.outputs import output_file
-from simrig.cli.rebuild import Method, load_measurement, rebuilt
+from simrig.cli.reconstruct import Method, load_measurement, rebuilt
 from simrig.cli.schemes import DEFAULT_THETA_MAX, measure_scheme, scheme_of
-from simrig.cost import stopwatch
-from simrig.errors import SimrigError
+from simrig.core.cost import stopwatch
+from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.sampling.placement import SlicePlacement
+    from simrig.plans.placement import SlicePlacement
 
 
 class Rig(StrEnum):
@@ -122,11 +122,11 @@ def measure(
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
     slice_types = slices.replace("-", "_")
 
-    from simrig.data.load import load_material
-    from simrig.effects import Overrides, parse_tolerance
-    from simrig.rigs.gonioreflectometer import Gonioreflectometer
-    from simrig.rigs.instrument import Instrument
-    from simrig.rigs.planning import plan_rig, with_plan
+    from simrig.core.effects import Overrides, parse_tolerance
+    from simrig.files.load import load_material
+    from simrig.instruments.instrument import Instrument
+    from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+    from simrig.rigs.direct.planning import plan_rig, with_plan
 
     allowed = parse_tolerance(tolerance or effect_options.DEFAULT_TOLERANCE)
     overrides = Overrides(tuple(simulate or ()), tuple(without or ()), everything)
@@ -180,7 +180,7 @@ def measure(
 def _placement(
     samples: int, elevation_step: float | None, azimuth_step: float | None, theta_max: float
 ) -> SlicePlacement:
-    from simrig.sampling.placement import SlicePlacement, optimal_placement
+    from simrig.plans.placement import SlicePlacement, optimal_placement
 
     if (elevation_step is None) != (azimuth_step is None):
         raise SimrigError("give --elevation-step and --azimuth-step together, or neither")
@@ -216,7 +216,7 @@ def reconstruct(
     The methods: docs/methods.md. Radial basis functions (rbf-…) are too slow to render and are
     stored as a table.
     """
-    from simrig.data.load import save_material
+    from simrig.files.load import save_material
 
     measured = load_measurement(measurement)
     with output_file(output, force):

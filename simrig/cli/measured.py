@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from simrig.cli import frame
 
 if TYPE_CHECKING:
-    from simrig.rigs.directions_measurement import DirectionsMeasurement
-    from simrig.rigs.gantry import GantryMeasurement
-    from simrig.rigs.measurement import Measurement
+    from simrig.rigs.gantry.rig import GantryMeasurement
+    from simrig.rigs.measurements.directions import DirectionsMeasurement
+    from simrig.rigs.measurements.slices import Measurement
 
 
 def measurement_report(

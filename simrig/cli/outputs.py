@@ -25,7 +25,7 @@ from typing import Any
 
 from simrig import __version__
 from simrig.cli import frame
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 MARKER = ".simrig.json"
 

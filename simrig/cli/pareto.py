@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 
 def register(app: typer.Typer) -> None:
@@ -43,11 +43,11 @@ def pareto(
     Error over samples, hours of the device, seconds and bytes, as tables, CSV and plots with what
     nothing beats marked. Every finished result is kept: after Ctrl-C the same command goes on.
     """
-    from simrig.evaluation.studies import pareto as study
-    from simrig.evaluation.studies.engine import run_study
-    from simrig.evaluation.studies.pareto_choice import advise, check_wish, find_metric
-    from simrig.evaluation.studies.pareto_shown import flat_rows, subject_tables
-    from simrig.evaluation.studies.storage import write_table
+    from simrig.evaluation.studies.engine.run import run_study
+    from simrig.evaluation.studies.engine.storage import write_table
+    from simrig.evaluation.studies.pareto import study
+    from simrig.evaluation.studies.pareto.choice import advise, check_wish, find_metric
+    from simrig.evaluation.studies.pareto.shown import flat_rows, subject_tables
 
     measure = find_metric(metric)
     wished = check_wish(budget_hours, error)
@@ -93,7 +93,7 @@ def _numbers(text: str) -> list[int]:
 
 def _folder(config: dict[str, Any]) -> Path:
     """Return a folder of its own for every configuration."""
-    from simrig.evaluation.studies.storage import cell_key
+    from simrig.evaluation.studies.engine.storage import cell_key
 
     names = "-".join(Path(name).stem for name in config["materials"])
     return Path("output", "pareto", f"{names[:60]}-{cell_key(config)[:8]}")

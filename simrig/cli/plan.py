@@ -9,10 +9,10 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.scene_argument import Material, Resolution, named_scene
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.effects import Plan
+    from simrig.core.effects import Plan
 
 
 def register(app: typer.Typer) -> None:
@@ -47,8 +47,8 @@ def plan(
     if exposure is not None and not 0.0 < exposure < float("inf"):
         raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
 
-    from simrig import backend
-    from simrig.evaluation.planning import plan_scene
+    from simrig.core import backend
+    from simrig.planning import plan_scene
 
     if scene.lower().endswith(".toml"):
         if material is not None or resolution is not None or exposure is not None:
@@ -77,9 +77,9 @@ def _experiment(path: str, variant: str, *decided: Any) -> frame.Report:
     """Plan every scene of an experiment with its material; ``decided`` replaces its settings."""
     from dataclasses import replace
 
-    from simrig import backend
-    from simrig.evaluation.experiment_config import Experiment
-    from simrig.evaluation.planning import plan_experiment
+    from simrig.core import backend
+    from simrig.evaluation.experiment.config import Experiment
+    from simrig.planning import plan_experiment
 
     config = effect_options.experiment_with(Experiment.from_toml(Path(path)), *decided)
     if variant != "auto":

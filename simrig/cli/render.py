@@ -9,10 +9,10 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_file
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.effects import Plan
+    from simrig.core.effects import Plan
 
 _SPP = 64  # where nothing is planned
 
@@ -83,8 +83,9 @@ def render(
 
     from contextlib import ExitStack
 
-    from simrig import backend
-    from simrig.evaluation import planning, rendering
+    from simrig import planning
+    from simrig.core import backend
+    from simrig.rendering import render as rendering
 
     with ExitStack() as held:
         for path in files:
@@ -138,9 +139,9 @@ def _subject(scene: str, material: str | None, options: dict[str, Any]) -> tuple
     variant), or the path of a scene file.
     """
     from simrig.cli.scene_argument import is_scene_file, scene_file
-    from simrig.data.load import load_material
-    from simrig.evaluation.environment import BUILTIN, environment_lights
+    from simrig.files.load import load_material
     from simrig.plugins import make_bsdf
+    from simrig.rendering.environment import BUILTIN, environment_lights
     from simrig.scenes import build_scene
 
     if is_scene_file(scene):
@@ -170,7 +171,7 @@ def _plan_metadata(plan: dict[str, Any] | None) -> dict[str, str]:
 
 
 def _write(files: list[Path], image: Any, exposure: float, about: dict[str, Any]) -> None:
-    from simrig.data.images import write_exr, write_png
+    from simrig.files.images import write_exr, write_png
 
     for path in files:
         if path.suffix.lower() == ".exr":

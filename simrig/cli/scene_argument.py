@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 Scene = Annotated[str, typer.Argument(help="See 'simrig materials', or a Mitsuba XML file.")]
 Material = Annotated[
@@ -37,7 +37,7 @@ def named_scene(
     Raises:
         SimrigError: an unknown scene or material, or options that a file does not take.
     """
-    from simrig.data.load import load_material
+    from simrig.files.load import load_material
     from simrig.plugins import make_bsdf
     from simrig.scenes import build_scene
 

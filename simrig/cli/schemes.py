@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from simrig.cli import effect_options, frame
 from simrig.cli.measured import measurement_report
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
+    from simrig.brdf import Reflectance
+    from simrig.core.effects import Overrides, Plan, Tolerance
     from simrig.directions.schemes import HemisphereScheme
-    from simrig.effects import Overrides, Plan, Tolerance
-    from simrig.reflectance import Reflectance
-    from simrig.rigs.gonioreflectometer import Gonioreflectometer
+    from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 DEFAULT_THETA_MAX = 80.0  # degrees; that of the thesis
 _BY_COUNT = {"81x81": "hemisphere_81", "151x151": "hemisphere_151"}
@@ -34,7 +34,7 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
         SimrigError: an unknown name, samples given with a scheme that has its own number, or
             too few samples; a largest elevation for anything but ``regular``.
     """
-    from simrig.sampling.uniform import largest_uniform_scheme, uniform_plan
+    from simrig.plans.uniform import largest_uniform_scheme, uniform_plan
 
     if not 0.0 < theta_max_deg < 90.0:
         raise SimrigError(f"--theta-max must lie between 0 and 90 degrees, got {theta_max_deg:g}")
@@ -69,8 +69,8 @@ def named_scheme(
     Raises:
         SimrigError: there is none of this name.
     """
+    from simrig.core.errors import unknown_name
     from simrig.directions.schemes import SCHEMES, scheme, uniform_scheme
-    from simrig.errors import unknown_name
 
     name = _BY_COUNT.get(text, text)
     if name.isdecimal():
@@ -97,7 +97,7 @@ def measure_scheme(
         output, checkpoint: where the result goes, and what was measured so far.
         effects: tolerance and overrides that choose the rig's effects; None for an ideal rig.
     """
-    from simrig.rigs.planning import with_plan
+    from simrig.rigs.direct.planning import with_plan
 
     plan, tables = None, []
     if effects is not None:
@@ -126,7 +126,7 @@ def _planned(
     overrides: Overrides,
 ) -> Plan:
     """Bound the effects at the scheme's pairs, at every so many of them where there are many."""
-    from simrig.rigs.effects import plan_directions
+    from simrig.rigs.direct.effects import plan_directions
 
     angles = scheme.pair_angles(reflectance.reciprocal)
     probed = angles[:: -(-len(angles) // _MOST_PROBED)]

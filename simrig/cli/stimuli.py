@@ -12,11 +12,11 @@ from simrig.cli import frame
 from simrig.cli.assignments import assignments
 from simrig.cli.outputs import output_file, output_folder
 from simrig.cli.schemes import named_scheme
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.evaluation.rendering import RenderResult
-    from simrig.evaluation.stimuli import CylinderStimulus
+    from simrig.rendering.render import RenderResult
+    from simrig.viewing.stimuli.pictures import CylinderStimulus
 
 _Material = Annotated[
     str, typer.Argument(help="A BTF (.h5), a material with structure, bumps or chessboard-MM.")
@@ -98,7 +98,7 @@ def rotation(
     force: _Force = False,
 ) -> frame.Report:
     """Render the 12 cylinders rotating, 30 frames per second; after Ctrl-C it goes on."""
-    from simrig.evaluation.stimuli import FRAMES_PER_SECOND, write_frames
+    from simrig.viewing.stimuli.pictures import FRAMES_PER_SECOND, write_frames
 
     if not 0.0 < seconds < math.inf:
         raise SimrigError(f"a film needs at least one frame and an end, got {seconds:g} seconds")
@@ -126,8 +126,8 @@ def chessboard(
     force: _Force = False,
 ) -> frame.Report:
     """Render the chessboard for calibration; print every cylinder's width beside the formula."""
-    from simrig import backend
-    from simrig.evaluation.stimuli import cylinder_widths
+    from simrig.core import backend
+    from simrig.viewing.stimuli.pictures import cylinder_widths
 
     _check_suffix(output)
     if not 0.0 < square < math.inf:
@@ -169,11 +169,11 @@ def room_command(
     force: _Force = False,
 ) -> frame.Report:
     """Render the room of chairs (Fig. 3.18); materials that are no files are measured first."""
-    from simrig import backend
-    from simrig.errors import unknown_name
-    from simrig.evaluation.rendering import render
-    from simrig.evaluation.room import DISTANCES, FORMS, Room, distances_mm, room_materials
+    from simrig.core import backend
+    from simrig.core.errors import unknown_name
+    from simrig.rendering.render import render
     from simrig.scenes.room import ROOM_PARTS
+    from simrig.viewing.room import DISTANCES, FORMS, Room, distances_mm, room_materials
 
     _check_suffix(output)
     if form not in FORMS:
@@ -225,10 +225,10 @@ def _stimulus(
     patch: float = 0.0,
     **options: Any,
 ) -> CylinderStimulus:
-    from simrig import backend
-    from simrig.evaluation.stimuli import CylinderStimulus
-    from simrig.evaluation.stimuli_materials import StimulusMaterial, stimulus_stack
+    from simrig.core import backend
     from simrig.scenes.cylinder_layout import cylinder_row
+    from simrig.viewing.stimuli.materials import StimulusMaterial, stimulus_stack
+    from simrig.viewing.stimuli.pictures import CylinderStimulus
 
     cylinder_row(experiment)  # a wrong one is refused before anything is measured
     backend.select()
@@ -245,8 +245,8 @@ def _check_suffix(path: Path) -> None:
 
 def _write(temporary: Path, path: Path, result: RenderResult, name: str) -> float:
     """Write a picture and return the exposure at which a PNG shows it."""
-    from simrig.data.images import write_exr, write_png
-    from simrig.evaluation.rendering import display_exposure
+    from simrig.files.images import write_exr, write_png
+    from simrig.rendering.render import display_exposure
 
     if path.suffix == ".exr":
         write_exr(temporary, result.image, {"material": name, "unit": "radiance"})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from simrig.cli import frame
 from simrig.cli.outputs import output_file
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
     from simrig.mesostructure.preset import Preset
@@ -72,9 +72,9 @@ def _sides(size_mm: list[float]) -> str:
 
 def _draw(tile: Any, path: Path, force: bool) -> str:
     """Render several periods of a tile to a file, and return what to say about it."""
-    from simrig import backend
-    from simrig.data.images import write_exr, write_png
-    from simrig.evaluation.rendering import render
+    from simrig.core import backend
+    from simrig.files.images import write_exr, write_png
+    from simrig.rendering.render import render
     from simrig.scenes.tile import tile_scene
 
     backend.select()

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
-    from simrig.evaluation.studies.engine import StudyResults
+    from simrig.evaluation.studies.engine.run import StudyResults
 
 _StudyName = Annotated[str, typer.Argument(help="See 'simrig study list'.")]
 _Full = Annotated[
@@ -61,7 +61,7 @@ def run_study(
     Every finished cell is kept: after Ctrl-C the same command goes on.
     """
     from simrig.evaluation.studies import STUDIES
-    from simrig.evaluation.studies.engine import run_study
+    from simrig.evaluation.studies.engine.run import run_study
 
     study = _find("study", name, STUDIES)
     preset = _preset(full)
@@ -76,8 +76,8 @@ def run_study(
 def report_study(name: _StudyName, full: _Full = False, output: _Output = None) -> frame.Report:
     """Write a page with published beside ours, plots, and how the text was read."""
     from simrig.evaluation.studies import STUDIES
-    from simrig.evaluation.studies.engine import load_results
-    from simrig.evaluation.studies.page import paragraphs, write_page
+    from simrig.evaluation.studies.engine.page import paragraphs, write_page
+    from simrig.evaluation.studies.engine.run import load_results
 
     study = _find("study", name, STUDIES)
     folder = output or _folder(name, _preset(full))

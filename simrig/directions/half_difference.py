@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from simrig.arrays import Array, components, epsilon, namespace, vector
+from simrig.core.arrays import Array, components, epsilon, namespace, vector
 from simrig.directions.spherical import azimuth, horizontal
 
 # The sum of opposite directions is nothing but rounding below this many epsilons

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from simrig.arrays import Array, components, namespace, vector
+from simrig.core.arrays import Array, components, namespace, vector
 from simrig.directions.spherical import horizontal
 
 

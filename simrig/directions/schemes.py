@@ -33,8 +33,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from simrig.core.errors import SimrigError, unknown_name
 from simrig.directions.spherical import to_vector
-from simrig.errors import SimrigError, unknown_name
 
 _LADDER_DEG = (60, 36, 30, 20, 18, 12, 10, 6)  # azimuth steps of the uniform schemes
 _THETA_MAX_DEG = 80

@@ -1,14 +1,14 @@
 """Directions as (theta, phi) and as unit vectors.
 
 theta is measured from +z (the surface normal), phi from +x towards +y; both in radians. All
-functions take NumPy arrays, Dr.Jit arrays and plain floats (see ``simrig.arrays``).
+functions take NumPy arrays, Dr.Jit arrays and plain floats (see ``simrig.core.arrays``).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from simrig.arrays import Array, components, is_numpy, namespace, vector
+from simrig.core.arrays import Array, components, is_numpy, namespace, vector
 
 TWO_PI = 2.0 * np.pi
 

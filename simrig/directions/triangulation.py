@@ -17,7 +17,7 @@ import drjit as dr
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from simrig.arrays import (
+from simrig.core.arrays import (
     Array,
     components,
     float_type,
@@ -28,7 +28,7 @@ from simrig.arrays import (
     to_device,
     to_index,
 )
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 _GRID = 64  # cells of the table of first guesses, per axis
 _OUTSIDE = -1e-6  # barycentric coordinates above it count as inside

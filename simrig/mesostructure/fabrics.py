@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from simrig.mesostructure.bsdfs import fibre
 from simrig.mesostructure.fibres import Nonwoven
 from simrig.mesostructure.knit import Knit
-from simrig.mesostructure.looks import fibre
 from simrig.mesostructure.pile import Carpet, Pile
 from simrig.mesostructure.preset import Preset
 from simrig.mesostructure.weave import Weave

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
+from simrig.mesostructure.bsdfs import solid
 from simrig.mesostructure.heightfield import Grid, surface
-from simrig.mesostructure.looks import solid
 from simrig.mesostructure.noise import band_noise, scattered
 from simrig.mesostructure.tile import Part
 

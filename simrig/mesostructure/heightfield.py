@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.mesostructure.tile import Part
 
 LEAST_RESOLUTION = 16  # steps along the longer side; fewer show no structure

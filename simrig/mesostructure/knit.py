@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
+from simrig.mesostructure.bsdfs import solid
 from simrig.mesostructure.heightfield import backing, steps_along
-from simrig.mesostructure.looks import solid
 from simrig.mesostructure.tile import Part
 from simrig.mesostructure.tubes import periodic_noise
 from simrig.mesostructure.yarn import Yarn

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
+from simrig.mesostructure.bsdfs import solid
 from simrig.mesostructure.heightfield import Grid, surface
-from simrig.mesostructure.looks import solid
 from simrig.mesostructure.noise import band_noise, cells, scattered, smoothstep
 from simrig.mesostructure.tile import Part
 

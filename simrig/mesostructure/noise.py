@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.mesostructure.heightfield import Grid
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
+from simrig.mesostructure.bsdfs import fibre, solid
 from simrig.mesostructure.heightfield import Grid, backing, surface
-from simrig.mesostructure.looks import fibre, solid
 from simrig.mesostructure.noise import band_noise, scattered, smoothstep
 from simrig.mesostructure.tile import Part
 from simrig.mesostructure.tubes import sweep

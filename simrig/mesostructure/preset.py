@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.mesostructure.tile import Part, Tile
 
 

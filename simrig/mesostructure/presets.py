@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simrig.errors import unknown_name
+from simrig.core.errors import unknown_name
 from simrig.mesostructure.fabrics import FABRICS
 from simrig.mesostructure.preset import Preset
 from simrig.mesostructure.solids import SOLIDS

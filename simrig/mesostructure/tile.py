@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 # The seven groups of thesis section B.1, and what none of its materials is
 GROUPS = {

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.mesostructure.tile import Part
 
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
+from simrig.mesostructure.bsdfs import solid
 from simrig.mesostructure.heightfield import Grid, surface
-from simrig.mesostructure.looks import solid
 from simrig.mesostructure.noise import band_noise, scattered, smoothstep
 from simrig.mesostructure.tile import Part
 
@@ -49,7 +49,7 @@ class Wood:
         streak: length of the broad streaks of colour, mm; those much longer than the tile run
             through, and no patch repeats with it.
         fibre_relief: height of the fibres, mm.
-        roughness, specular: of the finish, see ``simrig.mesostructure.looks.solid``.
+        roughness, specular: of the finish, see ``simrig.mesostructure.bsdfs.solid``.
 
     Raises:
         SimrigError: sizes that are not positive, or no rings.

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from simrig.errors import SimrigError
-from simrig.mesostructure.looks import fibre
+from simrig.core.errors import SimrigError
+from simrig.mesostructure.bsdfs import fibre
 from simrig.mesostructure.tile import Part
 from simrig.mesostructure.tubes import frames, merged, periodic_noise, sweep, tangents, unit
 
@@ -22,7 +22,7 @@ class Yarn:
         width, thickness: of the section, in the plane of the fabric and across it.
         strands: bundles of fibres that show at the surface; 1 is a smooth monofilament.
         twist: turns per mm about the axis.
-        look: BSDF of the strands, see ``simrig.mesostructure.looks``.
+        look: BSDF of the strands, see ``simrig.mesostructure.bsdfs``.
         unevenness: relative variation of the thickness along the yarn.
         mottle: relative variation of the colour between strands and along them.
         hairs: fibres that stick out, per mm of yarn.

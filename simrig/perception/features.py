@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.perception.grey import grey_image, grey_pair
 
 # Thesis Table 3.3; its C_1 and C_2 are what Wang et al. 2004 call K_1 and K_2

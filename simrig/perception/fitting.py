@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.perception.prediction import DistanceModel
 
 _LEAST = 4  # materials: with one left out, three are the fewest that a line can disagree with

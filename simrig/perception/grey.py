@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 _ROUNDING = 1e-6  # float32 encodings of white may lie this far above 1
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 from simrig.perception.grey import grey_image
 
 _REDUCE_SIGMA = 1.0  # before every second pixel is kept; close to Burt and Adelson's five taps

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simrig.errors import SimrigError
+from simrig.core.errors import SimrigError
 
 _WIDTH = 45.9  # of the exponential, in Kelly's units of 2π cycles per degree
 STATIC_HZ = 1.0  # the temporal frequency of thesis Fig. 3.15

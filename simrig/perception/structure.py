@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import label, maximum_filter
 
-from simrig.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 from simrig.perception.grey import grey_image
 
 _FLAT = 1e-9  # standard deviation, in displayed grey, below which nothing is structure

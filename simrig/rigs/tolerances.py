@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.colour import lab_roots
-from simrig.data.images import encode_srgb
-from simrig.effects import Tolerance
+from simrig.core.colour import lab_roots
+from simrig.core.effects import Tolerance
+from simrig.files.images import encode_srgb
 
 
 def largest_change(

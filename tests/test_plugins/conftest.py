@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simrig.arrays import Array, components, vector, where_colour
+from simrig.brdf.analytic import Kurt, KurtLobe, Lambert, Ward
+from simrig.brdf.kurt_materials import kurt_material
+from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.tables.dense import DenseTable
+from simrig.core.arrays import Array, components, vector, where_colour
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
-from simrig.reconstruction.slices import reconstruct
-from simrig.reflectance.analytic import Kurt, KurtLobe, Lambert, Ward
-from simrig.reflectance.barycentric import BarycentricReflectance
-from simrig.reflectance.dense import DenseTable
-from simrig.reflectance.kurt_materials import kurt_material
-from simrig.reflectance.protocol import Reflectance, above_horizon
-from simrig.reflectance.slices import SliceReflectance
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.plans.placement import SlicePlacement
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 TABLE_SHAPE = (4, 4, 8, 8)  # theta_i, theta_v, phi_i, phi_v; 30° and 45° steps
 

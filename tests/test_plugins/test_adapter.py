@@ -10,12 +10,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
+from simrig.brdf.protocol import evaluate
+from simrig.core import backend
 from simrig.directions import to_vector
-from simrig.evaluation.hard_cases import case_names, hard_case
+from simrig.evaluation.stability.hard_cases import case_names, hard_case
 from simrig.plugins import make_bsdf
 from simrig.plugins.named import PLUGINS
-from simrig.reflectance.protocol import evaluate
 
 NAMES = [
     "lambert",

@@ -10,19 +10,19 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.data.btf_hdf5 import read_btf, write_btf
-from simrig.data.hdf5 import write_reflectance
+from simrig.brdf.tables.packed_bfloat16 import RELATIVE_ERROR
+from simrig.btf.factored import FactoredBtf
+from simrig.btf.full import FullBtf
+from simrig.btf.mipmap import Footprint
+from simrig.btf.stack import BtfStack
+from simrig.btf.synthetic import bumps
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.errors import SimrigError
+from simrig.files.btf.hdf5 import read_btf, write_btf
+from simrig.files.hdf5 import write_reflectance
 from simrig.plugins import make_bsdf, make_btf, one_line_errors
 from simrig.plugins.footprint import pixel_angle_deg
-from simrig.reflectance.btf import BtfStack
-from simrig.reflectance.btf_factored import FactoredBtf
-from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_synthetic import bumps
-from simrig.reflectance.packed_eights import RELATIVE_ERROR
-from simrig.reflectance.pyramid import Footprint
 
 SIZE = (12.0, 4.0)
 VIEWS_DEG = ((0.0, 0.0), (40.0, 200.0), (75.0, 45.0), (89.0, 110.0))

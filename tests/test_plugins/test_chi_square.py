@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from simrig.brdf.kurt_materials import KURT_MATERIALS, kurt_material
 from simrig.plugins import make_bsdf
-from simrig.reflectance.kurt_materials import KURT_MATERIALS, kurt_material
 
 VIEWS_DEG = ((0.0, 0.0), (30.0, 200.0), (60.0, 45.0), (85.0, 110.0))
 # the narrow lobes at the pole fill less than one cell of the test's grid in cos(theta)

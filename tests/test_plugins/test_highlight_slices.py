@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simrig.evaluation.rendering import render
+from simrig.brdf import kurt_material
+from simrig.plans.placement import SlicePlacement
 from simrig.plugins import make_bsdf
-from simrig.reconstruction.highlights import reconstruct_along_highlights
-from simrig.reflectance import kurt_material
-from simrig.rigs.gonioreflectometer import Gonioreflectometer
-from simrig.sampling.placement import SlicePlacement
+from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
+from simrig.rendering.render import render
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.scenes import build_scene
 
 

@@ -6,12 +6,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.errors import SimrigError
+from simrig.brdf.kurt_materials import kurt_material
+from simrig.btf.full import FullBtf
+from simrig.btf.synthetic import bumps
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.plugins import make_bsdf, make_btf, one_line_errors
-from simrig.reflectance.btf_full import FullBtf
-from simrig.reflectance.btf_synthetic import bumps
-from simrig.reflectance.kurt_materials import kurt_material
 
 DISTANCE = 1000.0
 

@@ -10,11 +10,11 @@ from types import ModuleType
 import mitsuba as mi
 import pytest
 
-from simrig.data.btf_hdf5 import write_btf
-from simrig.data.load import save_material
+from simrig.btf.synthetic import bumps
+from simrig.files.btf.hdf5 import write_btf
+from simrig.files.load import save_material
 from simrig.plugins.manual import DOCUMENTED, with_manual
 from simrig.plugins.named import PLUGINS
-from simrig.reflectance.btf_synthetic import bumps
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "plugins.md").read_text(encoding="utf-8")

@@ -8,12 +8,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
-from simrig.data.load import save_material
-from simrig.errors import SimrigError
+from simrig.brdf.albedo import directional_albedo
+from simrig.brdf.kurt_materials import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
+from simrig.core import backend
+from simrig.core.errors import SimrigError
+from simrig.files.load import save_material
 from simrig.plugins import make_bsdf, one_line_errors
-from simrig.reflectance.albedo import directional_albedo
-from simrig.reflectance.kurt_materials import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 
 XML = """<scene version="3.0.0">
   <shape type="sphere"><bsdf type="simrig_kurt">

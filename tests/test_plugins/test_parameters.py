@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig.errors import SimrigError
+from simrig.brdf.kurt_materials import kurt_material
+from simrig.core.errors import SimrigError
 from simrig.plugins import make_bsdf
-from simrig.reflectance.kurt_materials import kurt_material
 
 SPP, SEED = 4, 3
 

@@ -8,11 +8,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from simrig import backend
+from simrig.brdf.albedo import directional_albedo
+from simrig.brdf.analytic import Lambert
+from simrig.brdf.kurt_materials import kurt_material
+from simrig.core import backend
 from simrig.plugins import make_bsdf
-from simrig.reflectance.albedo import directional_albedo
-from simrig.reflectance.analytic import Lambert
-from simrig.reflectance.kurt_materials import kurt_material
 
 SIZE = 8
 

@@ -6,12 +6,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from simrig.brdf.analytic import Lambert, Ward
+from simrig.brdf.kurt_materials import KURT_MATERIALS, kurt_material
+from simrig.brdf.protocol import Reflectance
 from simrig.directions import to_vector
+from simrig.plugins.importance_sampling import fit_mixture, fitted, quadrature
 from simrig.plugins.lobes import Lobe, lobe_pdf, mixture_pdf, sample_mixture
-from simrig.plugins.sampling import fit_mixture, fitted, quadrature
-from simrig.reflectance.analytic import Lambert, Ward
-from simrig.reflectance.kurt_materials import KURT_MATERIALS, kurt_material
-from simrig.reflectance.protocol import Reflectance
 
 
 class Turned(Reflectance):

@@ -1,0 +1,1 @@
+"""What each effect really changes in a picture."""

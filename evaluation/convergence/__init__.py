@@ -1,0 +1,1 @@
+"""Accuracy per second in rendering."""

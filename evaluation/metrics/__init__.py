@@ -1,0 +1,1 @@
+"""Differences between pictures and between BRDFs."""

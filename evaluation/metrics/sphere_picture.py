@@ -1,0 +1,104 @@
+"""A small sphere under an environment, and how far a reconstruction is from the truth on it.
+
+The environment is a number of directional lights that are all added up, and every pixel looks
+through its centre: there is no noise, so two pictures differ by their materials alone. What can be
+rendered is rendered by Mitsuba. Radial basis functions are too slow for a renderer; they are
+evaluated at the very directions at which the pixels see the lights, which gives the same picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from simrig.brdf.protocol import Reflectance, evaluate
+from simrig.brdf.tables.rbf import RbfReflectance
+from simrig.core import backend
+from simrig.evaluation.metrics.images import delta_e_map, foreground_mask, mse, psnr_from_mse
+from simrig.plugins import make_bsdf
+from simrig.rendering.pixel_samples import ControlSamples, pixel_directions
+from simrig.rendering.render import automatic_exposure, load, render, timed
+from simrig.scenes import environment_sphere
+
+_HIGHEST = 99.0  # dB: pictures that differ by less are equal
+
+
+@dataclass(frozen=True)
+class PictureError:
+    """How far a picture is from that of the truth, over the pixels that are not black.
+
+    Attributes:
+        delta_e: mean CIE ΔE 1976.
+        psnr: of the displayed picture in dB, at most 99.
+        compile_seconds: generating and compiling kernels.
+        seconds: everything else that the picture took.
+        by: ``"plugin"``, or ``"look-ups"`` where no renderer could take it.
+    """
+
+    delta_e: float
+    psnr: float
+    compile_seconds: float
+    seconds: float
+    by: str
+
+
+class SpherePicture:
+    """The picture of a material, to compare those of its reconstructions with.
+
+    Selects the automatic variant when none is set.
+
+    Args:
+        truth: the material; one that can be rendered.
+        pixels: width and height.
+        lights: number of directional lights.
+    """
+
+    def __init__(self, truth: Reflectance, pixels: int = 64, lights: int = 16):
+        self.truth, self.pixels, self.lights = truth, pixels, lights
+        self.image = self.rendered(truth)
+        self.exposure = automatic_exposure(self.image)
+
+    def compare(self, reflectance: Reflectance) -> PictureError:
+        """Return the error and the cost of the picture of a reflectance."""
+        slow = isinstance(reflectance, RbfReflectance)
+        if slow:
+            self._directions  # noqa: B018 (they are the scene's, not a cost of the method)
+        with timed() as clock:
+            image = self.looked_up(reflectance) if slow else self.rendered(reflectance)
+        mask = foreground_mask(self.image, image)
+        error = mse(self.image, image, mask, self.exposure)
+        return PictureError(
+            delta_e=float(delta_e_map(self.image, image, self.exposure)[mask].mean()),
+            psnr=min(_HIGHEST, psnr_from_mse(error)),
+            compile_seconds=clock.compile_seconds,
+            seconds=clock.run_seconds,
+            by="look-ups" if slow else "plugin",
+        )
+
+    def rendered(self, reflectance: Reflectance) -> np.ndarray:
+        """Return the picture (pixels, pixels, 3) that Mitsuba renders, linear RGB."""
+        return render(self._scene(reflectance), spp=1).image
+
+    def looked_up(self, reflectance: Reflectance) -> np.ndarray:
+        """Return the same picture from the reflectance's own values."""
+        wi, wv = (
+            np.concatenate([getattr(light, side) for light in self._directions])
+            for side in ("omega_i", "omega_v")
+        )
+        values = evaluate(reflectance, wi, wv, backend.types("float32").Float)
+        ends = np.cumsum([len(light) for light in self._directions])[:-1]
+        parts = zip(self._directions, np.split(values, ends), strict=True)
+        pictures = np.stack([light.picture(own) for light, own in parts])
+        return np.asarray(pictures.sum(axis=0, dtype=np.float32))
+
+    @cached_property
+    def _directions(self) -> list[ControlSamples]:
+        scene = load(self._scene(self.truth))
+        return [pixel_directions(scene, light) for light in range(self.lights)]
+
+    def _scene(self, reflectance: Reflectance) -> dict:
+        backend.current()
+        bsdf = make_bsdf(reflectance)
+        return environment_sphere(bsdf, self.lights, self.pixels, pixel_centres=True)

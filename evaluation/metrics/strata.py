@@ -1,0 +1,126 @@
+"""The grid of direction pairs divided into strata, for estimates from a part of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+from simrig.evaluation.metrics.angular_grid import AngularGrid
+
+MOST_SECTORS = 8  # beyond, the samples per stratum get too few to share out well
+
+
+@dataclass(frozen=True)
+class Strata:
+    """The grid divided into strata: elevation pairs times sectors of phi_v − phi_i.
+
+    Highlights run along the diagonals of an azimuthal subspace, so a sector of the azimuth
+    difference separates them where rectangles would cut across. The first sector is centred on
+    the mirror direction.
+
+    Attributes:
+        grid: what is divided.
+        sectors: number of sectors of each pair of elevations.
+    """
+
+    grid: AngularGrid
+    sectors: int
+
+    @property
+    def edges(self) -> np.ndarray:
+        """First index of each sector, and the end."""
+        return np.arange(self.sectors + 1) * self.grid.azimuths // self.sectors
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Share of the grid's directions that each stratum holds; adds up to 1."""
+        pairs = self.grid.elevations**2
+        return np.tile(np.diff(self.edges), pairs) / (pairs * self.grid.azimuths)
+
+    def draw(self, rng: np.random.Generator, counts: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Draw directions with replacement, ``counts`` of each stratum.
+
+        Returns:
+            The stratum and the indices of theta_i, theta_v, phi_i, phi_v of each direction.
+        """
+        stratum = np.repeat(np.arange(len(counts)), counts)
+        pair, sector = np.divmod(stratum, self.sectors)
+        edges, widths = self.edges, np.diff(self.edges)
+        azimuths = self.grid.azimuths
+        phi_i = rng.integers(0, azimuths, len(stratum))
+        difference = edges[sector] + (rng.random(len(stratum)) * widths[sector]).astype(np.int64)
+        phi_v = (phi_i + difference + (azimuths - widths[0]) // 2) % azimuths
+        return stratum, *np.divmod(pair, self.grid.elevations), phi_i, phi_v
+
+
+def allocate(strata: Strata, spread: np.ndarray, wanted: int) -> np.ndarray:
+    """Return the number of samples per stratum: two, and the rest by weight times spread.
+
+    The spread of a stratum comes from few samples that may all have missed a highlight, so it is
+    averaged with the neighbouring elevations and with the other sectors of its pair.
+
+    Args:
+        strata: the strata.
+        spread: (strata,) standard deviation within each.
+        wanted: number of samples in total.
+    """
+    n = strata.grid.elevations
+    variance = uniform_filter(spread.reshape(n, n, -1) ** 2, size=(3, 3, 1), mode="nearest")
+    deviation = np.sqrt(np.maximum(variance, 0.0))
+    overall = np.sqrt(np.mean(deviation**2, axis=2, keepdims=True))
+    share = strata.weights * (0.5 * (deviation + overall)).ravel()
+    share = share / share.sum() if share.sum() > 0.0 else strata.weights
+    exact = share * max(0, wanted - 2 * len(share))
+    counts = 2 + np.floor(exact).astype(np.int64)
+    left = max(0, wanted - int(counts.sum()))  # to the largest remainders
+    counts[np.argsort(np.floor(exact) - exact, kind="stable")[:left]] += 1
+    return counts
+
+
+@dataclass(frozen=True)
+class StratifiedMeans:
+    """What a stratified sample says about the whole grid.
+
+    Attributes:
+        relative: (3,) mean of the relative errors, zero where the truth is.
+        counted: (3,) share of values where the truth is not zero.
+        standard_error: of the ratio of their sums.
+        excluded: number of sampled values where the truth is zero.
+        spread: (strata,) standard deviation within each stratum.
+    """
+
+    relative: np.ndarray
+    counted: np.ndarray
+    standard_error: float
+    excluded: int
+    spread: np.ndarray
+
+
+def stratified_means(
+    strata: Strata,
+    counts: np.ndarray,
+    stratum: np.ndarray,
+    relative: np.ndarray,
+    counted: np.ndarray,
+) -> StratifiedMeans:
+    """Return the means over the grid from samples of its strata.
+
+    Args:
+        strata: the strata.
+        counts: (strata,) samples in each, at least two.
+        stratum: (n,) stratum of each sample.
+        relative: (n, 3) relative errors, zero where the truth is.
+        counted: (n, 3) one where the truth is not zero, else zero.
+    """
+    share = (strata.weights / counts)[stratum]  # what one sample stands for
+    mean_relative, mean_counted = share @ relative, share @ counted
+    ratio = mean_relative.sum() / max(mean_counted.sum(), 1e-300)
+    residual = relative.sum(axis=1) - ratio * counted.sum(axis=1)
+    first = np.bincount(stratum, residual, len(counts)) / counts
+    second = np.bincount(stratum, (residual - first[stratum]) ** 2, len(counts))
+    variance = second / (counts - 1)
+    error = np.sqrt(np.sum(strata.weights**2 * variance / counts)) / max(mean_counted.sum(), 1e-300)
+    excluded = int(counted.size - counted.sum())
+    return StratifiedMeans(mean_relative, mean_counted, float(error), excluded, np.sqrt(variance))

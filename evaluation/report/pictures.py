@@ -1,0 +1,97 @@
+"""The pictures that a report draws itself, as URIs that stand in the HTML."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+
+from simrig.brdf.protocol import Reflectance
+from simrig.core.cost import Cost
+from simrig.evaluation.metrics.images import difference_image
+from simrig.files.images import to_srgb8
+from simrig.rigs.measurements.slices import Measurement
+from simrig.viewing.brdf.figure import brdf_figure
+from simrig.viewing.brdf.picture import ELEVATIONS_DEG, brdf_exposure, brdf_picture
+from simrig.viewing.plots import CostPoint, accuracy_versus_cost
+
+_AZIMUTH_STEP_DEG = 4.0  # of the BRDF pictures: tiles of 90 × 90 pixels
+_ERRORS = (
+    ("mre_percent", "MRE [%]", "Mean relative error over all pairs of directions"),
+    ("delta_e", "mean ΔE 1976", "Colour difference of the pictures, mean over the scenes"),
+)
+
+
+def data_uri(png: bytes) -> str:
+    """Return a PNG as a URI that stands in the HTML itself."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+def _encoded(image: np.ndarray) -> str:
+    """Return an sRGB-encoded uint8 image as a URI."""
+    buffer = io.BytesIO()
+    matplotlib.image.imsave(buffer, image, format="png")
+    return data_uri(buffer.getvalue())
+
+
+def slices_picture(truth: Reflectance, measurement: Measurement) -> dict[str, Any]:
+    """Return the BRDF picture with the slices and samples of a measurement on it."""
+    return {
+        "picture": data_uri(brdf_figure(truth, measurement=measurement, title="")),
+        "samples": len(measurement.values),
+        "plan": measurement.placement.describe(),
+        "slice_types": measurement.slice_types,
+    }
+
+
+def brdf_pictures(
+    truth: Reflectance,
+    others: Mapping[str, Reflectance],
+    theta_max_deg: float,
+    difference_scale: float,
+) -> dict[str, Any]:
+    """Return the BRDF pictures of the truth and of others by their keys, with differences.
+
+    All share the exposure of the truth's; ``white`` is the f_r that is shown as white, in 1/sr.
+    """
+    elevations = [degrees for degrees in ELEVATIONS_DEG if degrees <= theta_max_deg]
+    reference = brdf_picture(truth, elevations, _AZIMUTH_STEP_DEG)
+    exposure = brdf_exposure(reference)
+    rows = {}
+    for key, reflectance in others.items():
+        picture = brdf_picture(reflectance, elevations, _AZIMUTH_STEP_DEG)
+        difference = difference_image(reference, picture, difference_scale, exposure)
+        rows[key] = {
+            "picture": _encoded(to_srgb8(picture, exposure)),
+            "difference": _encoded(difference),
+        }
+    return {
+        "elevations": elevations,
+        "white": 1.0 / exposure,
+        "truth": _encoded(to_srgb8(reference, exposure)),
+        "others": rows,
+    }
+
+
+def cost_plots(
+    rows: Sequence[Mapping[str, Any]], methods: Mapping[str, str]
+) -> list[dict[str, str]]:
+    """Return the accuracy-versus-cost plots, one per kind of error that is not zero throughout."""
+    plots = []
+    for key, label, about in _ERRORS:
+        points = [CostPoint(methods[row["method"]], _cost(row), row[key]) for row in rows]
+        if any(point.error > 0.0 for point in points):
+            plots.append({"about": about, "picture": data_uri(accuracy_versus_cost(points, label))})
+    return plots
+
+
+def _cost(row: Mapping[str, Any]) -> Cost:
+    return Cost(
+        samples=row["samples"],
+        hardware_seconds=3600.0 * row["hardware_hours"],
+        compute_seconds=row["compute_seconds"],
+    )

@@ -1,0 +1,1 @@
+"""A BTF beside the structure it was measured from."""

@@ -1,0 +1,1 @@
+"""BTFs from few images."""

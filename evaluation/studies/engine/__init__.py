@@ -1,0 +1,1 @@
+"""What runs studies: cells, stores, pages, Dask."""

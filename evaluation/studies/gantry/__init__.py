@@ -1,0 +1,1 @@
+"""Studies of the gantry (thesis section 6)."""

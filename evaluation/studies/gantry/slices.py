@@ -1,0 +1,203 @@
+"""Figure 6.26: elevations and slices per subspace of a gantry against error, samples and time.
+
+Subspaces are rebuilt as in section 5.3 from any number of slices, and from 1 + 1 slices also as in
+6.1 (their sum); other elevations by method B. ``all`` takes 24 slices of each kind, which is every
+one of the 24 × 24 samples: the upper bound, dashed in the thesis. Times are those of a gantry with
+a camera at every elevation and 10 s per slice.
+
+The thesis prints curves without numbers and says in words what they show; ``CLAIMS`` holds that.
+Its four ABRDFs (UTIA BTF database) are not public in that form; materials of Table D.1 stand in.
+
+Source: thesis section 6.4.4, Figure 6.26.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from simrig.brdf import kurt_material
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.gantry.polar_angles import ANISOTROPIC
+from simrig.evaluation.studies.gantry.trials import Picture, gantry_trial, mean_errors
+from simrig.plans.gantry import GantryPlan
+from simrig.rigs.timing import STEADY_GANTRY_TIMING
+from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure
+
+ALL = 24  # slices of each kind that meet every sample of the grid
+ELEVATIONS: dict[str, list[float]] = {
+    "2": [30, 75],
+    "3": [30, 52.5, 75],
+    "4": [30, 45, 60, 75],
+    "4, low": [15, 30, 52.5, 75],
+    "5": [15, 30, 45, 60, 75],
+}
+CLAIMS = (
+    "4 + 4 slices are reasonably good compared to 1 + 1",
+    "the gain of more elevations is significant above 3 + 3 slices",
+    "a middle elevation and above all 15° bring the most",
+    "15, 30, 45, 60, 75° is less than 0.5 % better than 15, 30, 52.5, 75°",
+    "8 slices per subspace with four cameras take around 7 minutes",
+)
+_COMMON = {"azimuth_step_deg": 15.0, "method": "b"}
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {
+        **_COMMON,
+        "materials": ["fabric112"],
+        "elevations": ["2", "4, low"],
+        "slices": [1, 4],
+        "elevations_deg": [15.0, 30.0, 45.0, 60.0, 75.0],
+        "table": {"theta_step_deg": 7.5, "azimuths": 24},
+    },
+    "full": {
+        **_COMMON,
+        "materials": list(ANISOTROPIC),
+        "elevations": list(ELEVATIONS),
+        "slices": [1, 2, 3, 4, 5, 6, 8, ALL],
+        "elevations_deg": [7.5 * step for step in range(1, 11)],
+        "table": {"theta_step_deg": 7.5, "azimuths": 24},
+    },
+}
+
+
+def cells(config: Config) -> list[dict[str, Any]]:
+    """Return one cell per material, set of elevations, number of slices and method."""
+    combined = [(count, "corners") for count in config["slices"]]
+    combined += [(1, "sum")] if 1 in config["slices"] else []
+    return [
+        {"material": name, "elevations": elevations, "slices": count, "combination": combination}
+        for name in config["materials"]
+        for elevations in config["elevations"]
+        for count, combination in combined
+    ]
+
+
+def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
+    """Measure one material with as many slices of each kind, and compare."""
+    count = cell["slices"]
+    elevations = ELEVATIONS[cell["elevations"]]
+    plan = GantryPlan.from_degrees(*elevations, axial=count, diagonal=count, lowest_samples=24)
+    row = gantry_trial(
+        kurt_material(cell["material"]),
+        plan,
+        Picture.of(config),
+        timing=STEADY_GANTRY_TIMING,
+        method=config["method"],
+        combination=cell["combination"],
+        **config["table"],
+    )
+    return [row]
+
+
+def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the mean errors and the cost of every configuration, and the published claims."""
+    found: dict[tuple, list[Row]] = {}
+    for row in rows:
+        key = (row["elevations"], row["slices"], row["combination"])
+        found.setdefault(key, []).append(row)
+    means = [
+        {
+            "elevations": elevations,
+            "slices": count,
+            "combination": combination,
+            **mean_errors(own),
+            **{name: own[0][name] for name in ("samples", "hardware_minutes")},
+        }
+        for (elevations, count, combination), own in found.items()
+    ]
+    return {
+        "means": means,
+        "materials": list(config["materials"]),
+        "published_claims": list(CLAIMS),
+    }
+
+
+def table(summary: Mapping[str, Any]) -> Any:
+    """Return the summary as a table for the terminal."""
+    from rich.console import Group
+    from rich.table import Table
+
+    names = list(dict.fromkeys(mean["elevations"] for mean in summary["means"]))
+    shown = Table(title="PSNR in dB / SSIM (samples, minutes)")
+    shown.add_column("slices")
+    for name in names:
+        shown.add_column(_degrees(name))
+    cases = sorted({(m["slices"], m["combination"] == "corners") for m in summary["means"]})
+    for count, corners in cases:
+        own = {
+            mean["elevations"]: mean
+            for mean in summary["means"]
+            if (mean["slices"], mean["combination"] == "corners") == (count, corners)
+        }
+        label = "all" if count == ALL else f"{count} + {count}"
+        shown.add_row(label + ("" if corners else ", sum"), *(_text(own[name]) for name in names))
+    published = [f"published: {claim}" for claim in summary["published_claims"]]
+    return Group(shown, f"means over {', '.join(summary['materials'])}", *published)
+
+
+def _degrees(name: str) -> str:
+    return ", ".join(f"{theta:g}" for theta in ELEVATIONS[name]) + "°"
+
+
+def _text(mean: Mapping[str, Any]) -> str:
+    return (
+        f"{mean['psnr']:.1f} / {mean['ssim']:.3f} "
+        f"({mean['samples']:,}, {mean['hardware_minutes']:.1f})"
+    )
+
+
+def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Draw PSNR, SSIM, samples and time over the slices per subspace, as Figure 6.26."""
+    figure = new_figure(9.5, 7.0)
+    panels = figure.subplots(2, 2).ravel()
+    labels = ("PSNR [dB]", "SSIM", "samples", "time of the gantry [min]")
+    values = ("psnr", "ssim", "samples", "hardware_minutes")
+    names = list(dict.fromkeys(mean["elevations"] for mean in summary["means"]))
+    for panel, label, value in zip(panels, labels, values, strict=True):
+        for number, name in enumerate(names):
+            _curve(panel, [m for m in summary["means"] if m["elevations"] == name], value, number)
+        panel.set(xlabel="slices per subspace", ylabel=label)
+        panel.grid(color="0.9")
+    panels[2].set_yscale("log")
+    panels[3].set_yscale("log")
+    handles, texts = panels[0].get_legend_handles_labels()
+    figure.legend(handles, texts, loc="outside lower center", ncols=3, frameon=False)
+    finish_figure(figure, folder / "slices.png")
+    return [folder / "slices.png"]
+
+
+def _curve(panel: Any, means: list[Mapping[str, Any]], value: str, number: int) -> None:
+    """Draw one set of elevations: a line, a cross for the sum, a dashed line for all samples."""
+    colour = COLOURS[number % len(COLOURS)]
+    line = sorted(
+        (2 * m["slices"], m[value])
+        for m in means
+        if m["slices"] != ALL and m["combination"] == "corners"
+    )
+    panel.plot(
+        *zip(*line, strict=True),
+        color=colour,
+        marker=MARKERS[number % len(MARKERS)],
+        markerfacecolor="white",
+        label=_degrees(means[0]["elevations"]),
+    )
+    for mean in means:
+        if mean["combination"] == "sum":
+            panel.plot(2, mean[value], "x", color=colour)
+        elif mean["slices"] == ALL:
+            panel.axhline(mean[value], color=colour, linestyle="--", linewidth=0.8)
+
+
+STUDY = Study(
+    name="gantry-slices",
+    about="Figure 6.26: elevations and slices per subspace of a gantry against error and time.",
+    source="thesis section 6.4.4, Figure 6.26",
+    presets=PRESETS,
+    cells=cells,
+    run_cell=run_cell,
+    summarise=summarise,
+    table=table,
+    plots=plots,
+)

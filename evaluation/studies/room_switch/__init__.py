@@ -1,0 +1,1 @@
+"""A room switched between BTF and BRDF."""

@@ -1,0 +1,1 @@
+"""BRDFs that are known along slices: layout, look-up, interpolation along highlights."""

@@ -1,0 +1,83 @@
+"""A reflectance on a regular grid of all four angles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from simrig.brdf.slices.blended import BlendedElevations, meets_samples
+from simrig.brdf.slices.slices import SliceReflectance
+from simrig.core import backend
+from simrig.core.errors import SimrigError
+
+
+def grid_sizes(theta_max: float, step_deg: float) -> tuple[int, int]:
+    """Return how many elevations and azimuths a regular grid has.
+
+    Args:
+        theta_max: largest elevation in radians, a multiple of the step.
+        step_deg: step in degrees, a whole fraction of 360.
+
+    Raises:
+        SimrigError: when the step divides neither range evenly.
+    """
+    top = np.degrees(theta_max)
+    elevations, azimuths = (top / step_deg, 360.0 / step_deg) if step_deg > 0.0 else (0.5, 0.5)
+    if abs(elevations - round(elevations)) > 1e-6 or abs(azimuths - round(azimuths)) > 1e-6:
+        raise SimrigError(f"a grid step of {step_deg:g}° does not divide {top:g}° and 360°")
+    return round(elevations) + 1, round(azimuths)
+
+
+def dense_grid(
+    reflectance: SliceReflectance,
+    step_deg: float = 2.0,
+    precision: str = "float32",
+) -> Any:
+    """Reconstruct the whole four-dimensional array from slices.
+
+    Every pair of elevations theta_i <= theta_v is evaluated once and written to both halves.
+    Where the grid meets the stored samples (as 2° does by default), the slices of the four
+    surrounding subspaces are blended once per pair of elevations.
+
+    Args:
+        reflectance: the slices.
+        step_deg: step of all four angles in degrees.
+        precision: ``"float32"`` or ``"float64"``.
+
+    Returns:
+        Flat Dr.Jit array of shape (theta_i, theta_v, phi_i, phi_v, 3), C order, evaluated.
+
+    Raises:
+        SimrigError: a step that does not divide the ranges, or an array beyond 2³¹ entries.
+    """
+    n_theta, n_phi = grid_sizes(reflectance.theta_max, step_deg)
+    types = backend.types(precision)
+    block, pairs = n_phi * n_phi, n_theta * (n_theta + 1) // 2
+    if 3 * n_theta * n_theta * block >= 2**31:
+        raise SimrigError(f"a step of {step_deg:g}° gives an array beyond 2³¹ values: use more")
+    first, second = (types.UInt(t.astype(np.uint32)) for t in np.tril_indices(n_theta)[::-1])
+    index = dr.arange(types.UInt, pairs * block)
+    pair, cell = index // block, index % block
+    a, b = dr.gather(types.UInt, first, pair), dr.gather(types.UInt, second, pair)
+    p, q = cell // n_phi, cell % n_phi
+    if reflectance.bilinear and meets_samples(reflectance.layout, n_theta, n_phi):
+        value = BlendedElevations(reflectance, n_theta, n_phi, first, second, types).at(
+            pair, a, b, p, q
+        )
+    else:
+        step = np.radians(step_deg)
+        value = reflectance.eval_angles(*(types.Float(i) * step for i in (a, p, b, q)))
+    out = dr.empty(types.Float, 3 * n_theta * n_theta * block)
+    dr.scatter(out, value, (a * n_theta + b) * block + cell)
+    dr.scatter(out, value, (b * n_theta + a) * block + q * n_phi + p, active=a != b)
+    dr.eval(out)
+    return out
+
+
+def to_dense(reflectance: SliceReflectance, step_deg: float = 2.0) -> np.ndarray:
+    """Return ``dense_grid`` as a float32 NumPy array (theta_i, theta_v, phi_i, phi_v, 3)."""
+    n_theta, n_phi = grid_sizes(reflectance.theta_max, step_deg)
+    flat = dense_grid(reflectance, step_deg)
+    return np.asarray(flat).reshape(n_theta, n_theta, n_phi, n_phi, 3)

@@ -1,0 +1,181 @@
+"""Any reflectance as a table, and how far the table is from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from simrig.brdf.protocol import Reflectance, evaluate
+from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable, bin_directions, fill_invalid
+from simrig.directions.spherical import to_vector
+
+# A table's nodes at the horizon are evaluated just above it, where f_r has its limit
+_HORIZON = float(np.radians(89.9))
+# Smallest cosine at which a bin of the half-difference table is evaluated (elevation 89.4°)
+_SMALLEST_COSINE = 0.01
+_CHUNK = 1 << 18  # direction pairs evaluated at once, to bound the memory
+
+
+@dataclass(frozen=True)
+class ResamplingError:
+    """How far a resampled reflectance is from the original, over random direction pairs.
+
+    Attributes:
+        mean_relative: mean of |f - f'| / f over pairs and channels. Where f is below a
+            thousandth of its channel's mean, the error is taken relative to that.
+        median_relative: median of the same.
+        worst_relative: largest of the same.
+        weighted_relative: sum of |f - f'| cos(theta_i) cos(theta_v) over the sum of
+            f cos(theta_i) cos(theta_v): what a picture shows.
+        root_mean_square: root of the mean of (f - f')², in 1/sr.
+        pairs: number of direction pairs.
+    """
+
+    mean_relative: float
+    median_relative: float
+    worst_relative: float
+    weighted_relative: float
+    root_mean_square: float
+    pairs: int
+
+    def __str__(self) -> str:
+        return (
+            f"mean relative error {100 * self.mean_relative:.3g} % (median "
+            f"{100 * self.median_relative:.3g} %, worst {100 * self.worst_relative:.3g} %, "
+            f"weighted by the cosines {100 * self.weighted_relative:.3g} %), "
+            f"RMSE {self.root_mean_square:.3g} 1/sr over {self.pairs} random pairs"
+        )
+
+
+def resampling_error(
+    original: Reflectance, resampled: Reflectance, pairs: int = 20_000, seed: int = 0
+) -> ResamplingError:
+    """Compare two reflectances over random pairs of directions where both have data.
+
+    Directions are uniform over the solid angle up to the smaller theta_max, at most 89°.
+    """
+    rng = np.random.default_rng(seed)
+    lowest = np.cos(min(original.theta_max, resampled.theta_max, np.radians(89.0)))
+    wi, wv = (_random_directions(rng, pairs, lowest) for _ in range(2))
+    truth, other = evaluate(original, wi, wv), evaluate(resampled, wi, wv)
+    smallest = np.maximum(1e-3 * truth.mean(axis=0), np.finfo(float).tiny)
+    relative = np.abs(truth - other) / np.maximum(truth, smallest)
+    cosines = (wi[:, 2] * wv[:, 2])[:, None]
+    total = max(float((truth * cosines).sum()), np.finfo(float).tiny)
+    return ResamplingError(
+        float(relative.mean()),
+        float(np.median(relative)),
+        float(relative.max()),
+        float((np.abs(truth - other) * cosines).sum() / total),
+        float(np.sqrt(np.mean((truth - other) ** 2))),
+        pairs,
+    )
+
+
+def _random_directions(rng: np.random.Generator, count: int, lowest: float) -> np.ndarray:
+    cosine = rng.uniform(lowest, 1.0, count)
+    return to_vector(np.arccos(cosine), rng.uniform(0.0, 2.0 * np.pi, count))
+
+
+def is_isotropic(reflectance: Reflectance, tolerance: float = 1e-6) -> bool:
+    """Return whether turning both directions about the normal changes nothing (200 pairs)."""
+    rng = np.random.default_rng(1)
+    wi, wv = (_random_directions(rng, 200, 0.1) for _ in range(2))
+    angle = rng.uniform(0.0, 2.0 * np.pi, 200)
+    turned = evaluate(reflectance, turn(wi, angle), turn(wv, angle))
+    return bool(np.allclose(evaluate(reflectance, wi, wv), turned, rtol=tolerance, atol=1e-12))
+
+
+def turn(direction: np.ndarray, angle: np.ndarray | float) -> np.ndarray:
+    """Return directions of shape (..., 3) turned about the normal by ``angle`` (radians)."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    parts = np.broadcast_arrays(cosine * x - sine * y, sine * x + cosine * y, z)
+    return np.stack(parts, axis=-1)
+
+
+def resample_dense(
+    reflectance: Reflectance,
+    theta_step: float,
+    n_phi: int,
+    theta_max: float | None = None,
+    dtype: type = np.float32,
+    float_type: type | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> DenseTable:
+    """Tabulate any reflectance on a regular grid of elevations and azimuths.
+
+    Of a reciprocal one, each pair of elevations is evaluated in one order.
+
+    Args:
+        reflectance: what to tabulate.
+        theta_step: step of the elevations, in radians.
+        n_phi: azimuths over the full circle, of illumination and of view.
+        theta_max: last elevation, in radians; by default that of the reflectance. Nodes at the
+            horizon are evaluated at 89.9°.
+        dtype: type of the table.
+        float_type: what to evaluate in (see ``evaluate``); by default NumPy float64.
+        progress: called with the pairs of elevations done and in total.
+    """
+    theta_max = reflectance.theta_max if theta_max is None else theta_max
+    n_theta = max(int(np.ceil(theta_max / theta_step - 1e-6)), 1) + 1
+    elevations = np.append(np.arange(n_theta - 1) * theta_step, theta_max)
+    elevations = np.minimum(elevations, _HORIZON)
+    phi = 2.0 * np.pi / n_phi * np.arange(n_phi)
+    values: np.ndarray = np.empty((n_theta, n_theta, n_phi, n_phi, 3), dtype=dtype)
+    directions = to_vector(elevations[:, None], phi[None, :])  # (n_theta, n_phi, 3)
+    rows, columns = np.indices((n_theta, n_theta)).reshape(2, -1)
+    if reflectance.reciprocal:
+        rows, columns = np.triu_indices(n_theta)
+    for done, (row, column) in enumerate(zip(rows, columns, strict=True), start=1):
+        wi, wv = directions[row][:, None, :], directions[column][None, :, :]
+        values[row, column] = evaluate(reflectance, wi, wv, float_type)
+        if reflectance.reciprocal:
+            values[column, row] = values[row, column].swapaxes(0, 1)
+        if progress is not None:
+            progress(done, len(rows))
+    reciprocal = True if reflectance.reciprocal else None
+    return DenseTable(values, theta_step, theta_max, reciprocal=reciprocal, name=reflectance.name)
+
+
+def resample_isotropic(
+    reflectance: Reflectance, shape: tuple[int, int, int] = MERL_SHAPE, rotations: int = 12
+) -> IsotropicTable:
+    """Tabulate any reflectance in the half-difference parameterisation.
+
+    An anisotropic reflectance is averaged over rotations about the normal, and a reflectance
+    that is not reciprocal over both orders of the directions. Bins with a direction at or below
+    the horizon take the value of the nearest bin above it.
+
+    Args:
+        reflectance: what to tabulate.
+        shape: bins of theta_h, theta_d and phi_d.
+        rotations: rotations averaged for an anisotropic reflectance.
+    """
+    wi, wv = (direction.reshape(-1, 3) for direction in bin_directions(shape))
+    valid = np.minimum(wi[:, 2], wv[:, 2]) >= _SMALLEST_COSINE
+    angles = [0.0]
+    if not is_isotropic(reflectance):
+        angles = list(2.0 * np.pi * np.arange(rotations) / rotations)
+    orders = [(wi[valid], wv[valid])]
+    if not reflectance.reciprocal:
+        orders.append((wv[valid], wi[valid]))
+    mean = np.zeros((int(valid.sum()), 3))
+    for first, second in orders:
+        for angle in angles:
+            mean += _evaluate_in_chunks(reflectance, turn(first, angle), turn(second, angle))
+    values = np.zeros((len(valid), 3))
+    values[valid] = mean / (len(orders) * len(angles))
+    filled = fill_invalid(values.reshape(*shape, 3), valid.reshape(shape))
+    return IsotropicTable(filled, theta_max=reflectance.theta_max, name=reflectance.name)
+
+
+def _evaluate_in_chunks(reflectance: Reflectance, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
+    out = np.empty((len(wi), 3))
+    for start in range(0, len(wi), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        out[part] = evaluate(reflectance, wi[part], wv[part])
+    return out

@@ -1,0 +1,1 @@
+"""Bidirectional texture functions: stacks, grids, full, factored and sliced forms, mipmaps."""

@@ -1,0 +1,250 @@
+"""A BTF as a sum of products: of each view a few images times their apparent BRDFs.
+
+f_r(x, i, v) = m(i, v) + Σ_k B_k(i, v) C_k(v, x) with m the mean image values (the BRDF), B_k of
+the pair of directions and channel, and coefficients C_k of the view whose mean over the tile is 0
+(``simrig.btf.factors``). It is linear in the texels, so box averages of the
+coefficients are exactly those of f_r and the average of the whole tile is exactly m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import product
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from simrig.brdf.tables.packed import prepare_table, read_colour
+from simrig.brdf.tables.packed_bfloat16 import (
+    EIGHT,
+    eight_of,
+    gather_eight,
+    inner,
+    joined,
+    pack_eights,
+)
+from simrig.btf.factors import factorise
+from simrig.btf.grid import PairGrid
+from simrig.btf.mipmap import MOST_PROBES, Pyramid, Texel, box_average
+from simrig.btf.spatial import SpatialReflectance
+from simrig.btf.stack import BtfStack
+from simrig.core.arrays import Array, float_type, scale, vector
+from simrig.core.errors import SimrigError
+from simrig.directions.triangulation import Place
+
+MOST_COMPONENTS = 64  # of a view, eight packets
+TOLERANCE = 0.2
+_FACTORS = ("basis", "coefficients")
+
+
+class FactoredBtf(SpatialReflectance):
+    """Look-up of factors: coefficients are averaged over a footprint, then meet the angular ones.
+
+    Where the sum falls below zero f_r is 0. The factors are differentiable; where derivatives are
+    not wanted they are read as ``simrig.brdf.tables.packed_bfloat16``, 0.4 % off at most.
+
+    Args:
+        mean: m in 1/sr, (n · m pairs of the grid, 3).
+        basis: B_k in 1/sr, (n · m, 3, k).
+        coefficients: C_k of all levels, each level view by view, (texels · m, k).
+        grid: the measured directions.
+        pyramid: the levels.
+        name: what reports call it.
+        error: of the approximation, as ``from_stack`` says.
+    """
+
+    kind = "btf_factored"
+    texel_numbers = 3 * EIGHT  # coefficients in the three views around the direction
+    deviations = True
+
+    def __init__(
+        self,
+        mean: np.ndarray,
+        basis: np.ndarray,
+        coefficients: np.ndarray,
+        grid: PairGrid,
+        pyramid: Pyramid,
+        name: str = "btf",
+        error: float = 0.0,
+    ):
+        components = basis.shape[-1]
+        shapes = (mean.shape, basis.shape, coefficients.shape)
+        wanted = (
+            (grid.pairs, 3),
+            (grid.pairs, 3, components),
+            (pyramid.texels * len(grid.views), components),
+        )
+        if shapes != wanted or components % EIGHT or not components:
+            raise SimrigError(f"factors of shapes {shapes} do not fit BTF '{name}'")
+        self._mean, self._basis, self._coefficients = (
+            np.ascontiguousarray(table, dtype=np.float32) for table in (mean, basis, coefficients)
+        )
+        self.grid, self.pyramid, self.name, self.error = grid, pyramid, name, float(error)
+        self.theta_max = grid.theta_max
+
+    @classmethod
+    def from_stack(
+        cls,
+        stack: BtfStack,
+        *,
+        tolerance: float = TOLERANCE,
+        components: int = MOST_COMPONENTS,
+        missing: str = "refuse",
+        probes: int = MOST_PROBES,
+    ) -> FactoredBtf:
+        """Factorise a stack; beside the factors only blocks of it are held.
+
+        Args:
+            stack: all pairs of a set of illuminations with a set of views.
+            tolerance: weighted root-mean-square error over that of the mean image alone; as many
+                components as it takes, in packets of eight.
+            components: of a view, at most so many; rounded up to packets.
+            missing: ``"refuse"``; filling needs neighbours' images, so fill in the full form.
+            probes: most probes along a footprint.
+
+        Raises:
+            SimrigError: missing pairs, values that cannot be, or numbers that cannot be.
+        """
+        if not 0.0 < tolerance < 1.0 or components != int(components) or components < 1:
+            raise SimrigError(
+                f"a tolerance must be in (0, 1) and components at least 1, got {tolerance} and "
+                f"{components}"
+            )
+        grid = PairGrid.of(stack, missing)
+        if len(grid.missing):
+            raise SimrigError(f"BTF '{stack.name}' has missing images: fill them in the full form")
+        most = -(-int(components) // EIGHT) * EIGHT
+        factors = factorise(stack, grid, tolerance, most, EIGHT)
+        pyramid = Pyramid(stack.resolution, stack.size_mm, probes)
+        width = factors.coefficients.shape[-1]
+        levels = [
+            box_average(factors.coefficients, shape).reshape(-1, width).astype(np.float32)
+            for shape in pyramid.shapes
+        ]
+        mean, basis = factors.mean.reshape(-1, 3), factors.basis.reshape(-1, 3, width)
+        return cls(mean, basis, np.concatenate(levels), grid, pyramid, stack.name, factors.error)
+
+    @property
+    def components(self) -> int:
+        """Number of components of each view."""
+        return int(self._basis.shape[-1])
+
+    @property
+    def device_bytes(self) -> int:
+        return 8 * len(self._mean) + 2 * (self._basis.size + self._coefficients.size)
+
+    def data(self) -> Mapping[str, np.ndarray]:
+        return {
+            "gain": np.ones(3),
+            "mean": self._mean,
+            "basis": self._basis,
+            "coefficients": self._coefficients,
+        }
+
+    def structure(self) -> dict[str, Any]:
+        """Return the plain values that rebuild the BTF together with ``data()``."""
+        return {
+            "lights": self.grid.lights.ravel().tolist(),
+            "views": self.grid.views.ravel().tolist(),
+            "resolution": list(self.pyramid.shapes[0]),
+            "size_mm": list(self.pyramid.size_mm),
+            "probes": self.pyramid.probes,
+            "error": self.error,
+        }
+
+    @classmethod
+    def from_parts(
+        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
+    ) -> FactoredBtf:
+        """Rebuild a BTF from ``structure()`` and ``data()``.
+
+        Raises:
+            SimrigError: factors that all views share, as simrig wrote them at first.
+        """
+        if "mean" not in data:
+            raise SimrigError(f"the factors of '{name}' are of an old kind: make them again")
+        lights, views = (np.reshape(structure[key], (-1, 3)) for key in ("lights", "views"))
+        images = np.arange(len(lights) * len(views)).reshape(len(lights), len(views))
+        height, width = (int(n) for n in structure["resolution"])
+        size = (float(structure["size_mm"][0]), float(structure["size_mm"][1]))
+        return cls(
+            data["mean"],
+            data["basis"],
+            data["coefficients"],
+            PairGrid(lights, views, images),
+            Pyramid((height, width), size, int(structure["probes"])),
+            name,
+            float(structure["error"]),
+        )
+
+    def prepare(
+        self, data: Mapping[str, Array], differentiable: bool = True
+    ) -> Mapping[str, Array]:
+        kind = float_type(data["gain"])
+        single = dr.is_jit_v(kind) and dr.type_v(kind) == dr.VarType.Float32
+        factors = {name: data[name] for name in _FACTORS}
+        if single and not differentiable:
+            factors = {name: pack_eights(table) for name, table in factors.items()}
+        mean = prepare_table({"values": data["mean"]}, differentiable)
+        return {"gain": data["gain"], **mean, **factors, **self.pyramid.tables(kind)}
+
+    @property
+    def layers(self) -> int:
+        """Packets of eight components."""
+        return self.components // EIGHT
+
+    def context(self, light: Place, view: Place) -> tuple[Place, Place]:
+        return light, view
+
+    def texel(
+        self,
+        context: tuple[Place, Place],
+        layer: Array,
+        texel: Texel,
+        data: Mapping[str, Array],
+        active: Array,
+    ) -> Array:
+        first = texel.start * len(self.grid.views) + texel.index
+        eights = []
+        for node in context[1].nodes:
+            index = (first + node * texel.count) * self.layers + layer
+            eights.append(gather_eight(data["coefficients"], index, active))
+        return joined(eights)
+
+    def finish(
+        self,
+        context: tuple[Place, Place],
+        layer: Array,
+        average: Array,
+        data: Mapping[str, Array],
+        active: Array,
+    ) -> Array:
+        def read(pair: Array, corner: int) -> Array:
+            numbers = eight_of(average, corner)
+            channels = [((pair * 3) + channel) * self.layers + layer for channel in range(3)]
+            found = (gather_eight(data["basis"], index, active) for index in channels)
+            return vector(*(inner(numbers, eight) for eight in found))
+
+        return self._over_pairs(context, read)
+
+    def average_over_tile(
+        self,
+        context: tuple[Place, Place],
+        data: Mapping[str, Array],
+        like: Array,
+        active: Array,
+    ) -> Array:
+        return self._over_pairs(context, lambda pair, _: read_colour(data, pair, like, active))
+
+    def _over_pairs(
+        self, context: tuple[Place, Place], read: Callable[[Array, int], Array]
+    ) -> Array:
+        """Return the blend of what is read of the nine pairs, by number and corner of the view."""
+        light, view = context
+        total: Array = None
+        for i, v in product(range(3), repeat=2):
+            pair = light.nodes[i] * len(self.grid.views) + view.nodes[v]
+            colour = scale(read(pair, v), light.weights[i] * view.weights[v])
+            total = colour if total is None else total + colour
+        return total

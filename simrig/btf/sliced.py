@@ -1,0 +1,67 @@
+"""A BTF from a few images: every texel's values at all pairs from those that were measured.
+
+A gantry measures slices of 168 images in place of 6,561 (thesis section 6.3.5). Which method makes
+the others is not decided here (``simrig.reconstruction.gantry.btf`` has those of the gantry). The
+result is a stack like any other: it renders, is factorised and is stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from simrig.btf.stack import BtfStack
+from simrig.core.errors import SimrigError
+
+_AT_ONCE = 1 << 26  # bytes of the float64 values of some texels at all pairs
+_LARGEST = {2: 65504.0, 4: float(np.finfo(np.float32).max)}  # by the bytes of a value
+
+
+def sliced_stack(
+    measured: BtfStack,
+    numbers: np.ndarray,
+    method: Callable[[np.ndarray], np.ndarray],
+    angles: np.ndarray,
+    progress: Callable[..., None] | None = None,
+) -> BtfStack:
+    """Return the stack of all pairs that a few measured images make, in memory.
+
+    Args:
+        measured: the images.
+        numbers: of the images that the method takes, in its order, (s,).
+        method: takes values (s, texels, 3) as float64, returns (pairs, texels, 3); what falls
+            below zero is black.
+        angles: theta_i, theta_v, phi_i, phi_v of the pairs in radians, shape (pairs, 4).
+        progress: called with texels done and in total.
+
+    Returns:
+        A stack of the type of the measured one.
+
+    Raises:
+        SimrigError: a method that returns another shape, or values that are not finite.
+    """
+    height, width = measured.resolution
+    known = np.stack([np.asarray(measured.values[k], dtype=np.float64) for k in numbers.tolist()])
+    known = known.reshape(len(numbers), -1, 3)
+    texels, dtype = height * width, np.dtype(measured.values.dtype)
+    values = np.empty((len(angles), texels, 3), dtype=dtype)
+    step = max(1, _AT_ONCE // (24 * len(angles)))
+    for start in range(0, texels, step):
+        part = slice(start, min(start + step, texels))
+        found = method(known[:, part])
+        if found.shape != values[:, part].shape or not np.all(np.isfinite(found)):
+            raise SimrigError(
+                f"the method made values of shape {found.shape} for BTF '{measured.name}', finite "
+                f"ones of shape {values[:, part].shape} are needed"
+            )
+        values[:, part] = np.clip(found, 0.0, _LARGEST[dtype.itemsize])
+        if progress is not None:
+            progress(part.stop, texels)
+    return BtfStack(
+        values.reshape(len(angles), height, width, 3),
+        angles,
+        measured.size_mm,
+        f"{measured.name}, from {len(numbers)} images",
+        {**measured.provenance, "images": len(numbers)},
+    )

@@ -1,0 +1,188 @@
+"""``simrig btf``: the commands of BTFs, and ``measure``."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from simrig.cli import frame
+from simrig.cli.btf.files import Force, average, convert, described, fill, from_slices, info, mega
+from simrig.cli.effect_options import plan_table
+from simrig.cli.outputs import output_file
+from simrig.cli.schemes import named_scheme
+from simrig.core.cost import stopwatch
+from simrig.core.errors import SimrigError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_DIRECTIONS, _GANTRY = "81x81", "gantry"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    group = typer.Typer(help="BTFs: measure, look at, convert, fill, average.")
+    for name, function in (
+        ("measure", measure),
+        ("info", info),
+        ("convert", convert),
+        ("fill", fill),
+        ("average", average),
+        ("from-slices", from_slices),
+    ):
+        frame.command(group, name)(function)
+    app.add_typer(group, name="btf")
+
+
+def measure(
+    preset: Annotated[str, typer.Argument(help="See 'simrig materials --structures'.")],
+    output: Annotated[Path, typer.Option(help="The BTF (.h5).")],
+    directions: Annotated[
+        str | None,
+        typer.Option(
+            help="81x81 (unless given), 151x151, the number of a uniform scheme (1 to 30), a name, "
+            "or gantry (168 pairs)."
+        ),
+    ] = None,
+    pairs: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead: a table of theta_i, theta_v, phi_i, phi_v in degrees, one pair a line."
+        ),
+    ] = None,
+    resolution: Annotated[int, typer.Option(help="Texels along x.")] = 128,
+    spp: Annotated[int, typer.Option(help="Samples per texel.")] = 16,
+    orders: Annotated[str, typer.Option(help="Reflections at most: 1 to 8, or auto.")] = "auto",
+    tolerance: Annotated[
+        str | None, typer.Option(help="Of auto: dE=0.5 unless given; see docs/effects.md.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the tile and of the samples.")] = 0,
+    single: Annotated[
+        bool, typer.Option("--single", help="Store float32 in place of float16.")
+    ] = False,
+    force: Force = False,
+) -> frame.Report:
+    """Measure the BTF of a material with structure: one registered image per pair of directions.
+
+    Images are written view by view: after Ctrl-C the same command goes on.
+    """
+    import numpy as np
+
+    from simrig.core import backend
+    from simrig.core.effects import DEFAULT_TOLERANCE, parse_tolerance
+    from simrig.mesostructure import build_tile
+    from simrig.plans.gantry import GantryPlan
+    from simrig.rigs.btf.bounces import plan_orders
+    from simrig.rigs.btf.rig import (
+        btf_angles,
+        by_view,
+        checked_orders,
+        checked_plan,
+        measure_btf,
+        resolution_of,
+        stack_bytes,
+    )
+
+    if pairs is not None:
+        if directions is not None:
+            raise SimrigError("--pairs takes the place of --directions: leave one of them out")
+        listed = _listed(pairs)
+    elif directions == _GANTRY:
+        listed = GantryPlan().angles()
+    else:
+        listed = btf_angles(named_scheme(directions or _DIRECTIONS, others=(_GANTRY,)))
+    angles = by_view(checked_plan(listed))
+    allowed = parse_tolerance(tolerance or DEFAULT_TOLERANCE)
+    fixed = None if orders == "auto" else checked_orders(_number(orders))
+    if fixed is not None and tolerance:
+        raise SimrigError("--tolerance is for --orders auto: leave one of them out")
+    tile = build_tile(preset, seed=seed)
+    shape = resolution_of(tile, resolution)
+    dtype = np.float32 if single else np.float16
+    size = stack_bytes(len(angles), shape, dtype)
+    _check_room(output, size)
+    elapsed, plan = stopwatch(), None
+    with output_file(output, force):
+        frame.on_interrupt(f"the same command goes on from '{output}.part'")
+        variant = backend.select("auto")
+        if fixed is None:
+            plan = plan_orders(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
+            fixed = int(plan.settings["orders"])
+        label = f"{preset}: {len(angles):,} images, {mega(size)}, {fixed} orders; views"
+        with frame.progress(label) as report:
+            stack = measure_btf(
+                tile,
+                angles,
+                shape,
+                spp,
+                orders=fixed,
+                seed=seed,
+                path=output,
+                dtype=dtype,
+                variant=variant,
+                about={"preset": preset, "tile_seed": seed},
+                progress=report,
+            )
+    data = described(output) | {
+        "seconds": elapsed(),
+        "cpu_seconds": time.process_time(),
+        "plan": None if plan is None else plan.as_dict(),
+    }
+    error = stack.provenance["standard_error"]
+    return frame.Report(
+        data,
+        [
+            f"{output}: {len(stack):,} images of {shape[1]} × {shape[0]} texels, "
+            f"{mega(size)} ({mega(output.stat().st_size)} on disk), in {data['seconds']:.1f} s "
+            f"({data['cpu_seconds']:.1f} s of processor time)",
+            f"orders of reflection: {fixed}; standard error "
+            + ("unknown with one sample" if error is None else f"{error:.2g}/sr"),
+            *([] if plan is None else [plan_table(plan, f"orders at {allowed}")]),
+        ],
+    )
+
+
+def _listed(path: Path) -> np.ndarray:
+    """Return the pairs of a text file, (n, 4) radians."""
+    import numpy as np
+
+    try:
+        text = path.read_text().replace(",", " ").replace(";", " ")
+        listed = np.radians([[float(word) for word in line.split()] for line in _rows(text)])
+    except ValueError:
+        listed = np.empty(0)
+    if listed.ndim != 2 or listed.shape[1] != 4:
+        raise SimrigError(
+            f"'{path}' is no list of pairs: four angles in degrees a line, theta_i, theta_v, "
+            "phi_i, phi_v"
+        )
+    return listed
+
+
+def _rows(text: str) -> list[str]:
+    rows = (line.split("#")[0].strip() for line in text.splitlines())
+    return [row for row in rows if row]
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal():
+        raise SimrigError(f"--orders is a number or auto, got '{text}'")
+    return int(text)
+
+
+def _check_room(output: Path, size: int) -> None:
+    """Refuse a measurement that the disk has no room for."""
+    folder = output.absolute().parent
+    if not folder.is_dir():
+        return  # the output's own check says so
+    part = output.with_name(output.name + ".part")
+    free = shutil.disk_usage(folder).free + (part.stat().st_size if part.is_file() else 0)
+    if size > free:
+        raise SimrigError(
+            f"the images take up to {size:,} bytes and '{folder}' has {free:,}: ask for fewer "
+            "directions or a smaller --resolution"
+        )

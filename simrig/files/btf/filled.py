@@ -1,0 +1,63 @@
+"""A BTF whose missing images are blended from their neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from simrig.btf.grid import PairGrid
+from simrig.btf.stack import BtfStack
+from simrig.core.errors import SimrigError
+from simrig.directions.spherical import to_angles
+from simrig.files.btf.hdf5 import BtfWriter
+
+FILLED = "filled"  # in the provenance: how many images are no measurements
+
+
+def write_filled(
+    path: str | Path, stack: BtfStack, progress: Callable[[int, int], None] | None = None
+) -> list[str]:
+    """Write a stack with an image for every illumination and view that it has.
+
+    Images that are there come first and as they are. A missing one is the blend of those of the
+    same view around it, else of the same illumination, as a renderer blends them (``PairGrid``).
+
+    Args:
+        path: the file (``BtfWriter``); an interrupted one continues.
+        stack: what lacks images. Its type is kept.
+        progress: called with missing images made and in total.
+
+    Returns:
+        The pairs that were filled, in degrees.
+
+    Raises:
+        SimrigError: nothing is missing, or a missing image has too few neighbours.
+    """
+    grid = PairGrid.of(stack, "fill")
+    missing = grid.missing.tolist()
+    if not missing:
+        raise SimrigError(f"BTF '{stack.name}' lacks no images: there is nothing to fill")
+    sources = [grid.sources(light, view) for light, view in missing]
+    theta_i, phi_i = to_angles(grid.lights[grid.missing[:, 0]])
+    theta_v, phi_v = to_angles(grid.views[grid.missing[:, 1]])
+    angles = np.concatenate([stack.angles, np.stack([theta_i, theta_v, phi_i, phi_v], axis=-1)])
+    provenance = {**stack.provenance, FILLED: len(missing)}
+    with BtfWriter(
+        path,
+        angles,
+        stack.resolution,
+        stack.size_mm,
+        name=stack.name,
+        provenance=provenance,
+        dtype=stack.values.dtype.type,
+    ) as writer:
+        for part, block in stack.blocks():
+            writer.write(part.start, block)
+        for number, blended in enumerate(sources):
+            image = sum(w * np.asarray(stack.values[k], dtype=np.float64) for k, w in blended)
+            writer.write(len(stack) + number, np.asarray(image))
+            if progress is not None:
+                progress(number + 1, len(missing))
+    return [grid.describe(light, view) for light, view in missing]

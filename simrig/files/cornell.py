@@ -1,0 +1,100 @@
+"""Spectral reflectance measured at Cornell (Program of Computer Graphics), as text.
+
+After comment lines (``#``): the number of wavelengths, the wavelengths in nm (over one or more
+lines), then one row per sample: theta_i, phi_i, theta_s, phi_s in radians and one value of f_r
+per wavelength. The samples are isotropic and irregular.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from simrig.brdf.tables.isotropic import IsotropicTable
+from simrig.brdf.tables.scattered import ScatteredSamples, interpolate_isotropic
+from simrig.core.errors import SimrigError
+from simrig.files.atomic import existing_file
+from simrig.files.spectra import rgb_weights
+
+_MOST_WAVELENGTHS = 10_000
+_LARGEST_FILE = 1 << 28
+
+
+def read_cornell(path: str | Path, clamp_negative: bool = False) -> ScatteredSamples:
+    """Read the samples, with spectra converted to linear sRGB.
+
+    The colour is that under D65 for the 2° observer, a constant spectrum of 1 giving (1, 1, 1)
+    (see ``simrig.files.spectra``). Colours outside the gamut keep their negative channels.
+
+    Args:
+        path: the file.
+        clamp_negative: set negative spectral values to 0 instead of refusing them.
+
+    Raises:
+        SimrigError: not this format, rows of another length, NaN or negative spectral values.
+    """
+    path = existing_file(path)
+    if path.stat().st_size > _LARGEST_FILE:
+        raise SimrigError(f"Cornell file '{path}' is too large to be one")
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    rows = [(n, line.split()) for n, line in enumerate(lines, 1) if line.strip()]
+    rows = [(n, words) for n, words in rows if not words[0].startswith("#")]
+    wavelengths, first = _wavelengths(path, rows)
+    table = _samples(path, rows[first:], 4 + len(wavelengths))
+    spectra = table[:, 4:]
+    negative = int((spectra < 0.0).sum())
+    if negative and not clamp_negative:
+        raise SimrigError(
+            f"'{path}' has {negative} negative of {spectra.size} values: pass "
+            "clamp_negative=True to set them to 0"
+        )
+    values = np.maximum(spectra, 0.0) @ rgb_weights(wavelengths)
+    theta_i, phi_i, theta_v, phi_v = table[:, :4].T
+    return ScatteredSamples(theta_i, phi_i, theta_v, phi_v, values, path.stem, isotropic=True)
+
+
+def load_cornell(path: str | Path, clamp_negative: bool = False) -> IsotropicTable:
+    """Read the samples and interpolate them to a table (see ``interpolate_isotropic``)."""
+    return interpolate_isotropic(read_cornell(path, clamp_negative))
+
+
+def is_cornell(text: str) -> bool:
+    """Return whether the start of a text file has this format's header."""
+    return any(line.strip().lower().startswith("# num wls") for line in text.splitlines()[:20])
+
+
+def _wavelengths(path: Path, rows: list[tuple[int, list[str]]]) -> tuple[np.ndarray, int]:
+    """Return the wavelengths, and the number of rows that they and their count take."""
+    header = _numbers(path, *rows[0]) if rows else np.zeros(0)
+    if len(header) != 1 or not 2 <= header[0] <= _MOST_WAVELENGTHS or header[0] % 1:
+        raise SimrigError(f"'{path}' is not a Cornell file: it gives no number of wavelengths")
+    count, found, used = int(header[0]), np.zeros(0), 1
+    while len(found) < count and used < len(rows):
+        found = np.concatenate((found, _numbers(path, *rows[used])))
+        used += 1
+    if len(found) != count:
+        raise SimrigError(f"Cornell file '{path}' has {len(found)} instead of {count} wavelengths")
+    return found, used
+
+
+def _samples(path: Path, rows: list[tuple[int, list[str]]], width: int) -> np.ndarray:
+    for number, words in rows:
+        if len(words) != width:
+            raise SimrigError(
+                f"line {number} of Cornell file '{path}' has {len(words)} numbers instead of "
+                f"{width}: truncated?"
+            )
+    if not rows:
+        raise SimrigError(f"Cornell file '{path}' has no samples")
+    return np.stack([_numbers(path, number, words) for number, words in rows])
+
+
+def _numbers(path: Path, number: int, words: list[str]) -> np.ndarray:
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise SimrigError(f"line {number} of Cornell file '{path}' is not numeric") from error
+    if not np.all(np.isfinite(values)):
+        raise SimrigError(f"line {number} of Cornell file '{path}' has NaN or infinite values")
+    return values

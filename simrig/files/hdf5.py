@@ -1,0 +1,240 @@
+"""simrig's own HDF5 files: self-describing, versioned, checked before anything is read.
+
+Every file carries as attributes ``format`` ("simrig"), ``format_version``, ``content`` (what it
+holds), ``simrig_version``, ``conventions`` and ``provenance`` (JSON). A reflectance is one group
+``structure`` (plain values as attributes) and one group ``data`` (arrays with ``units``).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import simrig
+from simrig.brdf.protocol import Reflectance
+from simrig.core.errors import SimrigError, unknown_name
+from simrig.files.atomic import atomic_write, existing_file
+
+MAGIC = b"\x89HDF\r\n\x1a\n"
+FORMAT_VERSION = 1
+CONVENTIONS = (
+    "local frame right-handed, z is the surface normal; directions point away from the surface; "
+    "theta from +z, phi from +x towards +y, radians; i illumination, v view; values are f_r in "
+    "1/sr without the cosine, linear RGB with sRGB primaries"
+)
+LARGEST_ARRAY = 1 << 32  # bytes; a file that claims more is refused before it is read
+_DEFLATE_LIMIT = 1100  # deflate cannot shrink anything by more than 1032
+_HEADROOM = 1 << 16
+
+# Where the class of each kind of reflectance lives; imported when a file needs it
+KINDS: dict[str, tuple[str, str]] = {
+    "barycentric": ("simrig.brdf.tables.barycentric", "BarycentricReflectance"),
+    "btf_factored": ("simrig.btf.factored", "FactoredBtf"),
+    "dense": ("simrig.brdf.tables.dense", "DenseTable"),
+    "highlight_slices": ("simrig.brdf.slices.highlight_slices", "HighlightSlices"),
+    "isotropic": ("simrig.brdf.tables.isotropic", "IsotropicTable"),
+    "kurt": ("simrig.brdf.analytic", "Kurt"),
+    "lafortune": ("simrig.brdf.minnaert", "Lafortune"),
+    "lambert": ("simrig.brdf.analytic", "Lambert"),
+    "rgl": ("simrig.brdf.tables.rgl", "RglReflectance"),
+    "slices": ("simrig.brdf.slices.slices", "SliceReflectance"),
+    "ward": ("simrig.brdf.analytic", "Ward"),
+}
+
+
+@contextmanager
+def create(
+    path: str | Path, content: str, provenance: Mapping[str, Any] | None = None
+) -> Iterator[h5py.File]:
+    """Give a new file with simrig's attributes; it takes its name only when all went well.
+
+    Args:
+        path: the file.
+        content: what it holds, for example ``"reflectance"``.
+        provenance: how it came about, anything JSON can hold.
+    """
+    with atomic_write(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        file.attrs["format"] = "simrig"
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["content"] = content
+        file.attrs["simrig_version"] = simrig.__version__
+        file.attrs["conventions"] = CONVENTIONS
+        file.attrs["provenance"] = json.dumps(dict(provenance or {}), sort_keys=True, default=str)
+        yield file
+
+
+@contextmanager
+def open_checked(path: str | Path, content: str) -> Iterator[h5py.File]:
+    """Open a simrig file for reading after checking what it is.
+
+    Raises:
+        SimrigError: not HDF5, not ours, a later version, other content, or damaged inside.
+    """
+    path = existing_file(path)
+    with open(path, "rb") as start:
+        if start.read(len(MAGIC)) != MAGIC:
+            raise SimrigError(f"'{path}' is not an HDF5 file")
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise SimrigError(f"HDF5 file '{path}' is damaged or truncated") from error
+    with file:
+        _check_attributes(path, file, content)
+        try:
+            yield file
+        except SimrigError:
+            raise
+        except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
+            raise SimrigError(f"HDF5 file '{path}' is damaged: {_one_line(error)}") from error
+
+
+def content_of(path: str | Path) -> str:
+    """Return what a simrig file says that it holds; an empty text for any other HDF5 file."""
+    try:
+        with h5py.File(existing_file(path), "r") as file:
+            ours = _text(file.attrs.get("format")) == "simrig"
+            return _text(file.attrs.get("content")) if ours else ""
+    except OSError:
+        return ""
+
+
+def provenance_of(file: h5py.File) -> dict[str, Any]:
+    """Return how a file came about, as given to ``create``."""
+    try:
+        provenance = json.loads(_text(file.attrs.get("provenance")) or "{}")
+    except json.JSONDecodeError as error:
+        raise SimrigError(f"the provenance in '{file.filename}' is not JSON") from error
+    return provenance if isinstance(provenance, dict) else {}
+
+
+def write_array(group: h5py.Group, name: str, value: np.ndarray, units: str = "") -> None:
+    """Write an array; large ones are compressed (shuffle and deflate, both in every HDF5)."""
+    value = np.asarray(value)
+    options = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+    dataset = group.create_dataset(name, data=value, **(options if value.nbytes > 4096 else {}))
+    if units:
+        dataset.attrs["units"] = units
+
+
+def read_array(group: h5py.Group, name: str, shape: tuple[int | None, ...] | None = None) -> Any:
+    """Read a numeric array after checking its size against the file.
+
+    Args:
+        group: where it is.
+        name: its name.
+        shape: what it must be; ``None`` entries match any length.
+
+    Raises:
+        SimrigError: missing, not numeric, another shape, or a claimed size that the file cannot
+            hold.
+    """
+    where = f"'{name}' in '{group.file.filename}'"
+    dataset = group.get(name)
+    if not isinstance(dataset, h5py.Dataset):
+        raise SimrigError(f"{where} is missing")
+    if dataset.dtype.kind not in "fiub" or dataset.external or dataset.is_virtual:
+        raise SimrigError(f"{where} is not a plain numeric array")
+    claimed = int(np.prod(dataset.shape, dtype=object)) * dataset.dtype.itemsize
+    file_size = Path(group.file.filename).stat().st_size
+    if claimed > min(LARGEST_ARRAY, _DEFLATE_LIMIT * file_size + _HEADROOM):
+        raise SimrigError(f"{where} claims {claimed} bytes, which its file cannot hold")
+    if shape is not None and not _matches(dataset.shape, shape):
+        raise SimrigError(f"{where} has shape {dataset.shape}, expected {shape}")
+    return dataset[()]
+
+
+def write_reflectance(
+    path: str | Path, reflectance: Reflectance, provenance: Mapping[str, Any] | None = None
+) -> None:
+    """Write a reflectance of a storable kind (see ``KINDS``).
+
+    Raises:
+        SimrigError: for a kind that has no stored form.
+    """
+    kind = getattr(reflectance, "kind", None)
+    if kind not in KINDS:
+        raise SimrigError(
+            f"a reflectance of type {type(reflectance).__name__} has no stored form: resample it "
+            f"first (storable: {', '.join(sorted(KINDS))})"
+        )
+    with create(path, "reflectance", provenance) as file:
+        file.attrs["kind"] = kind
+        file.attrs["name"] = reflectance.name
+        file.attrs["theta_max_deg"] = float(np.degrees(reflectance.theta_max))
+        structure = file.create_group("structure")
+        for key, value in reflectance.structure().items():  # type: ignore[attr-defined]
+            structure.attrs[key] = value
+        data = file.create_group("data")
+        for key, array in reflectance.data().items():
+            write_array(data, key, array, "1/sr" if np.ndim(array) > 1 else "")
+
+
+def read_reflectance(path: str | Path) -> Reflectance:
+    """Read a reflectance that ``write_reflectance`` wrote.
+
+    Raises:
+        SimrigError: as ``open_checked`` and ``read_array``; an unknown kind; parts that do not
+            fit together.
+    """
+    with open_checked(path, "reflectance") as file:
+        kind = _text(file.attrs.get("kind"))
+        if kind not in KINDS:
+            raise unknown_name("kind of stored reflectance", kind, KINDS)
+        module, name = KINDS[kind]
+        structure = {key: _plain(value) for key, value in file["structure"].attrs.items()}
+        data = {key: read_array(file["data"], key) for key in file["data"]}
+        build = getattr(import_module(module), name).from_parts
+        try:
+            return build(structure, data, _text(file.attrs.get("name")) or Path(path).stem)
+        except SimrigError as error:
+            raise SimrigError(f"'{path}': {error}") from error
+        except (KeyError, ValueError, TypeError, IndexError) as error:
+            raise SimrigError(
+                f"the parts of '{path}' do not make a '{kind}' reflectance: {_one_line(error)}"
+            ) from error
+
+
+def _check_attributes(path: Path, file: h5py.File, content: str) -> None:
+    if _text(file.attrs.get("format")) != "simrig":
+        raise SimrigError(f"HDF5 file '{path}' was not written by simrig")
+    version = file.attrs.get("format_version", 0)
+    if not isinstance(version, int | np.integer) or version < 1:
+        raise SimrigError(f"'{path}' has no valid format version")
+    if version > FORMAT_VERSION:
+        raise SimrigError(
+            f"'{path}' has format version {version}, this simrig reads up to {FORMAT_VERSION}: "
+            "install a later simrig"
+        )
+    found = _text(file.attrs.get("content"))
+    if found != content:
+        raise SimrigError(f"'{path}' holds a {found or 'nothing known'}, expected a {content}")
+
+
+def _matches(found: tuple[int, ...], expected: tuple[int | None, ...]) -> bool:
+    return len(found) == len(expected) and all(
+        wanted is None or wanted == length for length, wanted in zip(found, expected, strict=True)
+    )
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bytes | np.bytes_):
+        return value.decode("utf-8", errors="replace")
+    return value if isinstance(value, str) else ""
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as a plain Python value."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return _text(value) if isinstance(value, bytes) else value
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

@@ -1,0 +1,1 @@
+"""Tensor files of the RGL material database, read and written."""

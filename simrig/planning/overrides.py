@@ -1,0 +1,87 @@
+"""What the user decides in the planner's place, and what comes with what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from simrig.core import backend
+from simrig.core.effects import Decision, Overrides
+from simrig.core.errors import SimrigError
+from simrig.planning.effects import EFFECT_NAMES
+from simrig.planning.environment import check_environment
+from simrig.planning.subject import SceneSubject
+
+# tracing a path tests what is in its way, and goes on in directions of the BSDF
+_NEEDED_BY_PATHS = ("shadowing", "bsdf-sampling")
+
+
+def checked_overrides(
+    force: Iterable[str] = (), without: Iterable[str] = (), everything: bool = False
+) -> Overrides:
+    """Return what the user decided about the effects of a scene.
+
+    Raises:
+        SimrigError: an unknown effect, or decisions that contradict each other.
+    """
+    overrides = Overrides(tuple(force), tuple(without), everything)
+    overrides.check(EFFECT_NAMES)
+    if "inter-reflection" in overrides.force:
+        for needed in _NEEDED_BY_PATHS:
+            if needed in overrides.without:
+                raise SimrigError(
+                    f"inter-reflection cannot be simulated without {needed}: leave out both or none"
+                )
+    return overrides
+
+
+def check_possible(subject: SceneSubject, overrides: Overrides) -> None:
+    """Refuse what was asked for where it could not be done.
+
+    Raises:
+        SimrigError: a map or spectra that cannot be left out of the scene, or be in it.
+    """
+    check_environment(subject, overrides)
+    variant = backend.current()
+    if "spectral" in overrides.force and "spectral" not in variant and not subject.source.rebuilds:
+        raise SimrigError(
+            f"the scene is made of objects of the variant '{variant}', which has no spectra: "
+            "give a function that builds it, or load it in a spectral variant"
+        )
+
+
+def concerning(overrides: Overrides, effects: Iterable[Any]) -> Overrides:
+    """Return the overrides that concern some of the effects."""
+    names = {effect.name for effect in effects}
+    return Overrides(
+        tuple(name for name in overrides.force if name in names),
+        tuple(name for name in overrides.without if name in names),
+        overrides.everything,
+    )
+
+
+def must_follow_paths(subject: SceneSubject, overrides: Overrides) -> bool:
+    """Return whether inter-reflection is simulated whatever the other bounds are."""
+    left_out = any(name in overrides.without for name in ("inter-reflection", *_NEEDED_BY_PATHS))
+    return bool(subject.survey.unknown) and not left_out
+
+
+def with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[Decision, ...]:
+    """Return the decisions with what inter-reflection needs switched on, or itself off."""
+    on = {decision.effect: decision.on for decision in decisions}
+    if not on["inter-reflection"]:
+        return decisions
+    missing = [name for name in _NEEDED_BY_PATHS if name in overrides.without]
+    changed = []
+    for decision in decisions:
+        if missing and decision.effect == "inter-reflection":
+            decision = replace(decision, on=False, why=f"cannot be simulated without {missing[0]}")
+        elif not missing and decision.effect in _NEEDED_BY_PATHS and _undecided(decision):
+            decision = replace(decision, on=True, why="comes with inter-reflection")
+        changed.append(decision)
+    return tuple(changed)
+
+
+def _undecided(decision: Decision) -> bool:
+    return not decision.on or decision.bound is None

@@ -1,0 +1,1 @@
+"""From samples at any directions to a BRDF."""

@@ -1,0 +1,1 @@
+"""From samples along slices to a BRDF."""

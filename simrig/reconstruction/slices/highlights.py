@@ -1,0 +1,143 @@
+"""From samples along slices to values, interpolated along highlights (thesis section 5.7).
+
+The measurements are those of section 5.3 (``simrig.reconstruction.slices.tables`` and ``subspace``); only
+the interpolation differs. ``simrig.brdf.slices.along_highlights`` says how values between slices
+come about. The splines along slices are of the same logarithms: they dip less beside a highlight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from simrig.brdf.slices.along_highlights import (
+    compressed,
+    expanded,
+    half_vector_turn,
+    offsets,
+    shift_strength,
+    swept_along_highlights,
+)
+from simrig.brdf.slices.highlight_slices import HighlightSlices
+from simrig.brdf.slices.slices import SliceReflectance, along_slice
+from simrig.core.arrays import Array, float_type, gather_colour, is_numpy, to_device, vector_type
+from simrig.directions import wrap_angle
+from simrig.plans.adaptive import AdaptiveSamples
+from simrig.plans.placement import SubspacePlacement
+from simrig.reconstruction.slices.subspace import Subspace, reconstruct_subspace
+from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct_slices
+
+
+@dataclass(frozen=True)
+class HighlightSubspace(Subspace):
+    """Reflectance over both azimuths at fixed elevations, interpolated along highlights.
+
+    Attributes:
+        corners, axial, diagonal: as ``Subspace``.
+        theta_i, theta_v: the elevations in radians.
+    """
+
+    theta_i: float
+    theta_v: float
+
+    @cached_property
+    def offset(self) -> np.ndarray:
+        """Where values begin to be compared by ratio, (3,)."""
+        return offsets(self.axial[:-1], self.diagonal[:-1])
+
+    @cached_property
+    def _compressed(self) -> tuple[np.ndarray, np.ndarray]:
+        axial, diagonal = (
+            compressed(t.astype(np.float64), self.offset) for t in (self.axial, self.diagonal)
+        )
+        return axial, diagonal
+
+    def eval(self, phi_i: Array, phi_v: Array) -> Array:
+        """Return f_r for azimuths in radians: NumPy (...,) to (..., 3), or Dr.Jit to a colour."""
+        a_n, count = self.axial.shape[0] - 1, self.axial.shape[1]
+        number = float_type(phi_i)
+        like = phi_i if is_numpy(phi_i) else vector_type(number)(0.0)
+        sines = np.sin(self.theta_i), np.sin(self.theta_v)
+        strength = float(shift_strength(np.float64(self.theta_i), np.float64(self.theta_v)))
+
+        def reader(table: np.ndarray):
+            values = to_device(table, number)
+            return lambda row, place: along_slice(
+                lambda index: gather_colour(values, index, like), row * count, place, count
+            )
+
+        def shift(d: Array) -> Array:
+            return strength * half_vector_turn(d, *(0.0 * d + s for s in sines))
+
+        axial, diagonal = map(reader, self._compressed)
+        d = 0.5 * wrap_angle(phi_v - phi_i)
+        value = swept_along_highlights(axial, diagonal, phi_i + d, d, a_n, shift)
+        return expanded(value, self.offset)
+
+
+def reconstruct_subspace_along_highlights(
+    samples: AdaptiveSamples,
+    placement: SubspacePlacement,
+    interpolation: str = "cubic",
+    azimuth_samples: int = 720,
+) -> HighlightSubspace:
+    """Return the subspace that samples along its slices give, interpolated along highlights.
+
+    Args and Raises: as ``reconstruct_subspace``.
+    """
+
+    def rebuild(of: AdaptiveSamples) -> Subspace:
+        return reconstruct_subspace(of, placement, interpolation, azimuth_samples)
+
+    first = rebuild(samples)
+    offset = offsets(first.axial[:-1], first.diagonal[:-1])
+    known = rebuild(_compressed_samples(samples, offset))
+    corners, axial, diagonal = (
+        _expanded_table(table, offset) for table in (known.corners, known.axial, known.diagonal)
+    )
+    return HighlightSubspace(corners, axial, diagonal, placement.theta_i, placement.theta_v)
+
+
+def reconstruct_along_highlights(
+    measurement: SliceMeasurement,
+    interpolation: str = "cubic",
+    *,
+    azimuth_samples: int = 360,
+    largest_node_step_deg: float = 2.0,
+) -> HighlightSlices:
+    """Return the reflectance that a measurement along slices gives, interpolated along highlights.
+
+    Args and Raises: as ``simrig.reconstruction.slices.tables.reconstruct``; the value at
+    the pole is always one.
+    """
+
+    def rebuild(of: AdaptiveSamples) -> SliceReflectance:
+        return reconstruct_slices(
+            of,
+            measurement.placement,
+            slice_types=measurement.slice_types,
+            interpolation=interpolation,
+            azimuth_samples=azimuth_samples,
+            largest_node_step_deg=largest_node_step_deg,
+        )
+
+    first = rebuild(measurement.samples).data()
+    offset = offsets(first["axial"], first["diagonal"])
+    known = rebuild(_compressed_samples(measurement.samples, offset))
+    tables = {key: _expanded_table(table, offset) for key, table in known.data().items()}
+    name = (
+        f"{measurement.material} from {len(measurement.samples.values)} samples, along highlights"
+    )
+    horizontal = tables.get("horizontal")
+    axes = tables["corners"], tables["axial"], tables["diagonal"]
+    return HighlightSlices(known.layout, *axes, horizontal, name, offset)
+
+
+def _compressed_samples(samples: AdaptiveSamples, offset: np.ndarray) -> AdaptiveSamples:
+    return replace(samples, values=compressed(samples.values, offset))
+
+
+def _expanded_table(table: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    return expanded(table.astype(np.float64), offset)

@@ -1,0 +1,1 @@
+"""Displacement interpolation by optimal transport."""

@@ -1,0 +1,1 @@
+"""Scenes to pictures: rendering, samplers, pixel samples, environments."""

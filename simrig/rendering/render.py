@@ -1,0 +1,281 @@
+"""Rendering a scene to a NumPy picture, with its cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from simrig.core import backend
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
+from simrig.plugins.make import building
+from simrig.rendering.pixel_samples import ControlSamples, pixel_directions
+
+__all__ = [
+    "Clock",
+    "ControlSamples",
+    "RenderResult",
+    "automatic_exposure",
+    "display_exposure",
+    "load",
+    "pixel_directions",
+    "render",
+    "timed",
+]
+
+# Samples at work at once: one pass took about 200 MB in the scenes of this laboratory, and ends,
+# so that an interrupt can take effect, in below a second on 2 cores under one lamp.
+SAMPLES_PER_PASS = 1 << 24
+_WAVEFRONT_LIMIT = 1 << 32  # Dr.Jit counts the elements of an array in 32 bits
+
+
+@dataclass(frozen=True, eq=False)
+class RenderResult:
+    """A rendered picture and what it cost.
+
+    Attributes:
+        image: float32 (height, width, 3), linear RGB radiance, finite.
+        compile_seconds: time spent generating and compiling kernels; about 0 when the same
+            kernels were compiled before, in this process or (disk cache) an earlier one.
+        run_seconds: everything else: tracing the program and running it.
+        spp: samples per pixel.
+        integrator: plugin name or class of the integrator.
+        variant: Mitsuba variant.
+    """
+
+    image: np.ndarray
+    compile_seconds: float
+    run_seconds: float
+    spp: int
+    integrator: str
+    variant: str
+
+    @property
+    def cost(self) -> Cost:
+        """The record of the time spent."""
+        return Cost(compile_seconds=self.compile_seconds, compute_seconds=self.run_seconds)
+
+
+def load(scene: Any) -> Any:
+    """Return a Mitsuba scene from a dictionary; a scene comes back as it is.
+
+    Selects the automatic variant when none is set.
+
+    Raises:
+        SimrigError: Mitsuba cannot build it (unknown plugin, bad parameter), in one line.
+    """
+    if mi.variant() is None:
+        backend.select()
+    return _load_dict(scene, "scene") if isinstance(scene, dict) else scene
+
+
+def _load_dict(description: dict, what: str) -> Any:
+    with building(f"the {what}"):
+        return mi.load_dict(description)
+
+
+def render(
+    scene: Any,
+    spp: int | None = None,
+    seed: int = 0,
+    integrator: Any = None,
+    progress: Callable[[int, int], None] | None = None,
+    samples_per_pass: int = SAMPLES_PER_PASS,
+) -> RenderResult:
+    """Render a scene.
+
+    A picture of more than ``samples_per_pass`` samples is rendered in passes with different
+    random numbers and averaged, so memory stays bounded; an interrupt (Ctrl-C) takes effect
+    after the pass at work.
+
+    Args:
+        scene: a dictionary (``simrig.scenes``) or a loaded Mitsuba scene.
+        spp: samples per pixel, >= 1; by default what the scene's sampler says. The scenes of
+            ``simrig.scenes`` are lit by delta lights: each sample is exact, and more of them
+            only smooth edges and highlights within a pixel (16; 1 with ``pixel_centres``).
+        seed: >= 0; the same seed gives the same picture.
+        integrator: plugin name, dictionary or object; by default that of the scene.
+        progress: called with (samples per pixel done, spp) after every pass.
+        samples_per_pass: largest number of samples (pixels × spp) at work at once.
+
+    Raises:
+        SimrigError: bad arguments, or a result that is not finite (names the pixels).
+    """
+    scene = load(scene)
+    spp = scene.sensors()[0].sampler().sample_count() if spp is None else spp
+    if spp != int(spp) or spp < 1:
+        raise SimrigError(f"spp must be a whole number >= 1, got {spp}")
+    if seed != int(seed) or seed < 0:
+        raise SimrigError(f"the seed must be a whole number >= 0, got {seed}")
+    integrator, name = _integrator(integrator, scene)
+    width, height = scene.sensors()[0].film().crop_size()
+    passes = _passes(int(spp), int(width * height), samples_per_pass)
+    # one stream per pass and seed; consecutive numbers would share passes between seeds
+    seeds = np.random.SeedSequence(int(seed)).generate_state(len(passes))
+
+    total: Any = 0.0
+    done = 0
+    with timed() as clock:
+        for pass_spp, pass_seed in zip(passes, seeds, strict=True):
+            picture = mi.render(
+                scene,
+                integrator=integrator,
+                spp=pass_spp,
+                seed=int(pass_seed),  # type: ignore[arg-type]  # the stub knows no plain int
+            )
+            colours = _red_green_blue(np.array(picture))
+            if len(passes) > 1:
+                total = total + np.float64(pass_spp / spp) * colours
+            done += pass_spp
+            if progress:
+                progress(done, spp)
+        image = np.asarray(total if len(passes) > 1 else colours, dtype=np.float32)
+    _check_finite(image)
+    return RenderResult(
+        image, clock.compile_seconds, clock.run_seconds, int(spp), name, str(mi.variant())
+    )
+
+
+def _red_green_blue(picture: np.ndarray) -> np.ndarray:
+    """Return the colours of a film; one of luminance alone, with or without alpha, becomes grey."""
+    return picture[..., :3] if picture.shape[-1] > 2 else np.repeat(picture[..., :1], 3, axis=-1)
+
+
+def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:
+    """Return the integrator object and its name."""
+    if integrator is None:
+        integrator = scene.integrator()
+        if integrator is None:
+            raise SimrigError("the scene has no integrator: name one, for example 'path'")
+        return integrator, integrator.class_name()
+    if isinstance(integrator, str):
+        integrator = {"type": integrator}
+    if not isinstance(integrator, dict):
+        return integrator, integrator.class_name()
+    return _load_dict(integrator, "integrator"), str(integrator["type"])
+
+
+def _passes(spp: int, pixels: int, samples_per_pass: int) -> list[int]:
+    """Return the samples per pixel of each pass.
+
+    Full passes take a power of two, because those share one kernel; the rest comes last.
+    """
+    limit = min(samples_per_pass, _WAVEFRONT_LIMIT - 1)
+    if pixels > limit:
+        raise SimrigError(
+            f"the picture has {pixels} pixels but a pass may hold {limit} samples: "
+            "render it smaller, or in crops"
+        )
+    if spp * pixels <= limit:
+        return [spp]
+    full = 1 << ((limit // pixels).bit_length() - 1)
+    return [full] * (spp // full) + ([spp % full] if spp % full else [])
+
+
+def display_exposure(image: np.ndarray, percentile: float = 99.0, level: float = 0.8) -> float:
+    """Return the factor with which a linear picture shows well.
+
+    Dark materials stay dark under a lamp that suits a white diffuser; pictures that are to be
+    compared must share one factor, that of their reference.
+
+    Args:
+        image: (height, width, 3) linear RGB.
+        percentile: of the brightest channel over all pixels that are not black, 0 to 100.
+        level: the linear value to which that percentile goes.
+
+    Raises:
+        SimrigError: the picture is black.
+    """
+    brightest = np.asarray(image, dtype=np.float64).max(axis=-1)
+    lit = brightest[brightest > 0.0]
+    if lit.size == 0:
+        raise SimrigError("the picture is black: no exposure can show anything")
+    return float(level / np.percentile(lit, percentile))
+
+
+def automatic_exposure(image: np.ndarray) -> float:
+    """Return the exposure with which a reference and what is compared with it are shown.
+
+    The bright parts come near white. Where a highlight would leave the body in the dark, it may
+    clip by up to 3 EV, as in a photograph, until the median pixel has a tenth of white.
+
+    Args:
+        image: (height, width, 3) linear RGB.
+
+    Raises:
+        SimrigError: the picture is black.
+    """
+    bright = display_exposure(image)
+    body = display_exposure(image, percentile=50.0, level=0.1)
+    return min(max(bright, body), 8.0 * bright)
+
+
+@dataclass
+class Clock:
+    """Where the time of a block went.
+
+    Attributes:
+        compile_seconds: generating and compiling kernels.
+        run_seconds: everything else.
+        kernel_seconds: of that, kernels at work; the rest is tracing the program and NumPy.
+    """
+
+    compile_seconds: float = 0.0
+    run_seconds: float = 0.0
+    kernel_seconds: float = 0.0
+
+
+_running: list[Clock] = []  # the clocks of the blocks at work, innermost last
+
+
+@contextmanager
+def timed() -> Iterator[Clock]:
+    """Time a block by Dr.Jit's kernel history; an outer block's times include an inner one's."""
+    clock = Clock()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        _note_kernels()  # what ran before belongs to the outer block
+        _running.append(clock)
+        start = time.perf_counter()
+        try:
+            yield clock
+        finally:
+            wall = time.perf_counter() - start
+            _note_kernels()
+            _running.pop()
+            clock.compile_seconds = min(clock.compile_seconds, wall)
+            clock.run_seconds = wall - clock.compile_seconds
+            if _running:
+                _running[-1].compile_seconds += clock.compile_seconds
+                _running[-1].kernel_seconds += clock.kernel_seconds
+
+
+def _note_kernels() -> None:
+    """Add the kernels since the last call to the innermost clock; forget them without one."""
+    if "scalar" in str(mi.variant()):
+        return
+    for kernel in dr.kernel_history():
+        if _running:
+            clock = _running[-1]
+            compiling = kernel.get("codegen_time", 0.0) + kernel.get("backend_time", 0.0)
+            clock.compile_seconds += compiling / 1000.0
+            clock.kernel_seconds += kernel.get("execution_time", 0.0) / 1000.0
+
+
+def _check_finite(image: np.ndarray) -> None:
+    if np.isfinite(image.sum(dtype=np.float64)):  # quicker than pixel by pixel
+        return
+    bad = np.argwhere(~np.isfinite(image).all(axis=-1))
+    if len(bad):
+        named = ", ".join(f"({row}, {column})" for row, column in bad[:5].tolist())
+        more = ", ..." if len(bad) > 5 else ""
+        raise SimrigError(
+            f"{len(bad)} pixels of the picture are not finite, at (row, column) {named}{more}: "
+            "the material or the light gives NaN or infinity there"
+        )

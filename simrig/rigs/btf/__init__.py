@@ -1,0 +1,1 @@
+"""The rig that takes registered pictures of a tile with structure."""

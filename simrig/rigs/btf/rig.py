@@ -1,0 +1,266 @@
+"""A virtual BTF measurement: registered images of a periodic tile for every pair of directions.
+
+Thesis sections 1.1.1 and A.1. For each pair the camera looks along omega_v from afar, and a
+directional light shines along omega_i. Texel (r, c) collects the rays through its area of the
+plane z = 0; f_r is the radiance over the irradiance of that plane. A flat diffuser of albedo a
+measures a / π. What stands above the plane moves with the view (parallax), as in real BTFs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+import simrig
+from simrig.btf.grid import repeated_pair
+from simrig.btf.stack import BtfStack, check_angles
+from simrig.core import backend
+from simrig.core.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
+from simrig.core.errors import SimrigError
+from simrig.directions.schemes import HemisphereScheme, hemisphere_81
+from simrig.directions.spherical import to_vector
+from simrig.files.btf.hdf5 import BtfWriter, read_btf, read_notes
+from simrig.mesostructure.tile import Tile
+from simrig.rigs.btf.bounces import MOST_ORDERS, plan_orders
+from simrig.rigs.btf.camera import TileCamera
+
+AUTO = "auto"
+STANDARD_ERROR = "standard_error"  # per pair, 1/sr
+_STEEPEST_DEG = 89.0
+
+
+@dataclass(frozen=True, eq=False)
+class BtfView:
+    """One view direction and its lights: consecutive pairs of a plan."""
+
+    number: int
+    first: int
+    omega_v: np.ndarray
+    lights: np.ndarray
+
+    @property
+    def pairs(self) -> slice:
+        """Where its images stand in the stack."""
+        return slice(self.first, self.first + len(self.lights))
+
+
+def btf_angles(scheme: HemisphereScheme | None = None) -> np.ndarray:
+    """Return all pairs of a scheme, view by view: theta_i, theta_v, phi_i, phi_v, (n², 4) radians.
+
+    Args:
+        scheme: of both sides; 81 × 81 directions when not given.
+    """
+    angles = (scheme or hemisphere_81()).pair_angles(reciprocal=False)
+    return by_view(angles)
+
+
+def by_view(angles: np.ndarray) -> np.ndarray:
+    """Return pairs in the order in which they are measured: by view, else as they stood."""
+    _, first, which = np.unique(angles[:, [1, 3]], axis=0, return_index=True, return_inverse=True)
+    return angles[np.argsort(first[which.ravel()], kind="stable")]
+
+
+def stack_bytes(pairs: int, resolution: tuple[int, int], dtype: type = np.float16) -> int:
+    """Return the bytes of the images of a measurement.
+
+    Args:
+        pairs: of directions, one image each.
+        resolution: (height, width) in texels.
+        dtype: of the values.
+    """
+    return int(pairs) * resolution[0] * resolution[1] * 3 * np.dtype(dtype).itemsize
+
+
+def measure_btf(
+    tile: Tile,
+    angles: np.ndarray | None = None,
+    resolution: int | tuple[int, int] = 128,
+    spp: int = 16,
+    *,
+    orders: int | str = AUTO,
+    tolerance: Tolerance | None = None,
+    seed: int = 0,
+    path: str | Path | None = None,
+    dtype: type = np.float16,
+    variant: str = "auto",
+    about: dict[str, Any] | None = None,
+    progress: Callable[..., None] | None = None,
+) -> BtfStack:
+    """Measure the BTF of a tile.
+
+    Args:
+        tile: the material.
+        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians, elevations up to 89°; all pairs
+            of 81 directions when not given.
+        resolution: (height, width) in texels, or the width of a tile with square texels.
+        spp: samples per texel.
+        orders: how often light is reflected at most, or ``"auto"``: as the tolerance needs.
+        tolerance: for ``"auto"``; ΔE 0.5 when not given.
+        seed: of the samples. The same arguments give the same bits.
+        path: an HDF5 file to write to, view by view. An interrupted measurement leaves its part,
+            and the same call goes on from it. Without a path the images stay in memory.
+        dtype: of the stored values, ``np.float16`` or ``np.float32``.
+        variant: Mitsuba variant, RGB.
+        about: plain values that the provenance also holds (how the tile was made).
+        progress: called with views done and in total.
+
+    Returns:
+        The stack, in the order of ``by_view(angles)``. Its provenance says how it came about, and
+        ``standard_error`` the root mean square over all texels of the standard error that two
+        halves of the samples give, in 1/sr.
+
+    Raises:
+        SimrigError: arguments out of range, or a part of another measurement at ``path``.
+    """
+    angles = btf_angles() if angles is None else by_view(checked_plan(angles))
+    shape = resolution_of(tile, resolution)
+    if dtype not in (np.float16, np.float32):
+        raise SimrigError(f"a BTF is stored as float16 or float32, not as {np.dtype(dtype)}")
+    backend.select(variant)
+    if orders == AUTO:
+        allowed = tolerance or parse_tolerance(DEFAULT_TOLERANCE)
+        plan = plan_orders(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
+        orders = int(plan.settings["orders"])
+    checked = checked_orders(orders)
+    provenance = {
+        "rig": "virtual BTF",
+        "tile": {"name": tile.name, "triangles": tile.triangles, "height_mm": tile.height_mm},
+        **(about or {}),
+        "spp": spp,
+        "orders": checked,
+        "seed": seed,
+        "versions": {"simrig": simrig.__version__, "mitsuba": mi.__version__},
+        "variant": mi.variant(),
+    }
+    unique, lights = np.unique(angles[:, [0, 2]], axis=0, return_inverse=True)
+    views = list(_views(angles, lights.ravel()))
+    camera = TileCamera(
+        tile,
+        to_vector(unique[:, 0], unique[:, 1]),
+        float(np.degrees(angles[:, :2].max())),
+        shape,
+        spp,
+        seed,
+        len(views),
+    )
+    if path is None:
+        return _in_memory(tile, camera, angles, views, checked, provenance, dtype, progress)
+    writer = BtfWriter(
+        path, angles, shape, tile.size_mm, name=tile.name, provenance=provenance, dtype=dtype
+    )
+    with writer:
+        _fill(writer, camera, views, checked, progress)
+    stack = read_btf(path)
+    return replace(stack, provenance=_with_error(provenance, read_notes(path)[STANDARD_ERROR]))
+
+
+def _fill(
+    writer: BtfWriter,
+    camera: TileCamera,
+    views: list[BtfView],
+    orders: int,
+    progress: Callable[..., None] | None,
+) -> None:
+    """Measure the views that a file lacks."""
+    missing = set(writer.missing.tolist())
+    for done, view in enumerate(views):
+        if progress is not None:
+            progress(done, len(views))
+        if missing.isdisjoint(range(view.pairs.start, view.pairs.stop)):
+            continue
+        images = camera.view(view.omega_v, view.lights, orders, view.number)
+        writer.note(STANDARD_ERROR, view.first, images.standard_error, "1/sr, mean over texels")
+        writer.write(view.first, images.values.sum(axis=0))
+        writer.flush()
+    if progress is not None:
+        progress(len(views), len(views))
+
+
+def _in_memory(
+    tile: Tile,
+    camera: TileCamera,
+    angles: np.ndarray,
+    views: list[BtfView],
+    orders: int,
+    provenance: dict[str, Any],
+    dtype: type,
+    progress: Callable[..., None] | None,
+) -> BtfStack:
+    values: np.ndarray = np.empty((len(angles), *camera.resolution, 3), dtype=dtype)
+    errors = np.empty(len(angles))
+    for done, view in enumerate(views):
+        images = camera.view(view.omega_v, view.lights, orders, view.number)
+        values[view.pairs] = images.values.sum(axis=0)
+        errors[view.pairs] = images.standard_error
+        if progress is not None:
+            progress(done + 1, len(views))
+    return BtfStack(values, angles, tile.size_mm, tile.name, _with_error(provenance, errors))
+
+
+def _with_error(provenance: dict[str, Any], errors: np.ndarray) -> dict[str, Any]:
+    error = math.sqrt(float(np.mean(errors**2)))
+    return {**provenance, STANDARD_ERROR: None if math.isnan(error) else error}
+
+
+def _views(angles: np.ndarray, lights: np.ndarray) -> Iterator[BtfView]:
+    """Yield the views of pairs that stand view by view; ``lights`` are their lights' numbers."""
+    same = np.all(angles[1:, [1, 3]] == angles[:-1, [1, 3]], axis=1)
+    firsts = np.flatnonzero(np.concatenate([[True], ~same]))
+    for number, (first, last) in enumerate(zip(firsts, [*firsts[1:], len(angles)], strict=True)):
+        omega_v = to_vector(angles[first, 1], angles[first, 3])
+        yield BtfView(number, int(first), omega_v, lights[first:last])
+
+
+def checked_plan(angles: np.ndarray) -> np.ndarray:
+    """Return pairs as float64, or say what is wrong with them.
+
+    Raises:
+        SimrigError: another shape, no pairs, NaN, a pair that appears twice, or elevations outside
+            of 0° to 89°.
+    """
+    angles = np.array(angles, dtype=np.float64)
+    if angles.ndim != 2 or len(angles) == 0:
+        raise SimrigError(f"a BTF needs angles of shape (pairs, 4), got {angles.shape}")
+    check_angles(angles, len(angles), "to be measured")
+    steepest = float(np.degrees(angles[:, :2].max()))
+    if steepest > _STEEPEST_DEG:
+        raise SimrigError(
+            f"a BTF is measured at elevations up to {_STEEPEST_DEG:g}°, the plan has {steepest:g}°"
+        )
+    twice = repeated_pair(angles)
+    if twice is not None:
+        raise SimrigError(
+            f"pairs {twice[0] + 1} and {twice[1] + 1} of the plan are the same: measure one of them"
+        )
+    return angles
+
+
+def resolution_of(tile: Tile, resolution: int | tuple[int, int]) -> tuple[int, int]:
+    """Return (height, width) in texels; one number is the width, texels are then square.
+
+    Raises:
+        SimrigError: fewer than one texel.
+    """
+    if not isinstance(resolution, tuple):
+        height = max(1, round(resolution * tile.size_mm[1] / tile.size_mm[0]))
+        resolution = (height, resolution)
+    if any(side != int(side) or not 1 <= side <= 16384 for side in resolution):
+        raise SimrigError(f"the resolution must be 1 to 16384 texels a side, got {resolution}")
+    return int(resolution[0]), int(resolution[1])
+
+
+def checked_orders(orders: Any) -> int:
+    """Return the number of orders.
+
+    Raises:
+        SimrigError: not a whole number from 1 to the most that is simulated.
+    """
+    if isinstance(orders, str) or orders != int(orders) or not 1 <= orders <= MOST_ORDERS:
+        raise SimrigError(f"orders must be 1 to {MOST_ORDERS} or '{AUTO}', got '{orders}'")
+    return int(orders)

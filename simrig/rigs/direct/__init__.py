@@ -1,0 +1,1 @@
+"""Rigs that evaluate f_r where they would look."""

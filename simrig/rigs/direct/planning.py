@@ -1,0 +1,57 @@
+"""Which effects a measurement simulates: bounds where the measurement will look."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from simrig.brdf.protocol import Reflectance
+from simrig.core.effects import Overrides, Plan, Tolerance
+from simrig.plans.placement import SlicePlacement, optimal_placement
+from simrig.rigs.direct.effects import plan_directions
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+
+_MOST_PROBED = 10_000  # samples of the measurement that finds the directions
+
+
+def plan_rig(
+    reflectance: Reflectance,
+    rig: Gonioreflectometer,
+    tolerance: Tolerance,
+    *,
+    placement: SlicePlacement | None = None,
+    samples: int = 8911,
+    overrides: Overrides | None = None,
+    slice_types: str = "all",
+) -> Plan:
+    """Decide which effects a measurement along slices simulates.
+
+    Adaptive plans look where f_r changes, which is also where effects change it most. So the
+    bounds are computed at the directions that a measurement without effects takes.
+
+    Args:
+        reflectance: the material.
+        rig: its instrument counts, not its effects.
+        tolerance: by how much all left-out effects together may change the values.
+        placement: where the slices lie; by default that of thesis Table 5.1.
+        samples: number of samples.
+        overrides: what the user decided.
+        slice_types: ``"all"`` or ``"axial_diagonal"``.
+
+    Returns:
+        The plan; its ``settings["effects"]`` are what ``with_plan`` switches on.
+
+    Raises:
+        SimrigError: overrides that name an unknown effect; a placement that does not fit.
+    """
+    placement = placement or optimal_placement(samples)
+    probed = max(min(samples, _MOST_PROBED), placement.intersections)
+    found = replace(rig, effects=(), plan=None).measure(
+        reflectance, placement, probed, slice_types=slice_types
+    )
+    angles = found.samples.angles
+    return plan_directions(reflectance, rig.instrument, tolerance, angles, overrides, samples)
+
+
+def with_plan(rig: Gonioreflectometer, plan: Plan) -> Gonioreflectometer:
+    """Return the rig with the effects that a plan switched on; it keeps the plan."""
+    return replace(rig, effects=tuple(plan.settings["effects"]), plan=plan.as_dict())

@@ -1,0 +1,1 @@
+"""The gantry: lights and cameras on two arms."""

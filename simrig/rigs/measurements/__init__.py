@@ -1,0 +1,1 @@
+"""What rigs recorded, and how it is stored."""

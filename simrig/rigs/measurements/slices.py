@@ -1,0 +1,228 @@
+"""What a rig recorded along slices: directions, values, cost, and how it came about."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig.brdf.protocol import Reflectance
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
+from simrig.files import hdf5
+from simrig.plans.adaptive import AdaptiveSamples, Knots
+from simrig.plans.placement import SlicePlacement
+from simrig.plans.slices import SLICE_TYPES, build_slices
+from simrig.rigs.measurements.stored import StoredSamples, read_samples, write_samples
+
+_MEASUREMENT, _CHECKPOINT = "measurement", "unfinished measurement"
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Samples along slices with their cost and provenance.
+
+    Attributes:
+        samples: angles (n, 4), values (n, 3) and where they lie along the slices.
+        placement: where the slices lie.
+        slice_types: ``"all"`` or ``"axial_diagonal"``.
+        material: name of what was measured.
+        cost: samples, simulated hardware time, compute time and bytes.
+        provenance: plain values: rig, parameters, versions, fingerprint of the material.
+    """
+
+    samples: AdaptiveSamples
+    placement: SlicePlacement
+    slice_types: str
+    material: str
+    cost: Cost
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def theta_i(self) -> np.ndarray:
+        """Illumination elevations in radians, (n,)."""
+        return self.samples.angles[:, 0]
+
+    @property
+    def theta_v(self) -> np.ndarray:
+        """View elevations in radians, (n,)."""
+        return self.samples.angles[:, 1]
+
+    @property
+    def phi_i(self) -> np.ndarray:
+        """Illumination azimuths in radians, (n,)."""
+        return self.samples.angles[:, 2]
+
+    @property
+    def phi_v(self) -> np.ndarray:
+        """View azimuths in radians, (n,)."""
+        return self.samples.angles[:, 3]
+
+    @property
+    def values(self) -> np.ndarray:
+        """f_r in 1/sr, linear RGB, (n, 3)."""
+        return self.samples.values
+
+    def save(self, path: str | Path) -> None:
+        """Write the measurement as HDF5 (to a temporary name, then renamed).
+
+        Raises:
+            SimrigError: when the folder does not exist or cannot be written.
+        """
+        knots = self.samples.knots
+        with hdf5.create(path, _MEASUREMENT, self.provenance) as file:
+            placement = _placement_attributes(self.placement, self.slice_types)
+            file.attrs.update(placement)
+            angles, values = self.samples.angles, self.samples.values
+            write_samples(file, StoredSamples(angles, values, self.material, self.cost))
+            hdf5.write_array(file, "knot_first", knots.first)
+            hdf5.write_array(file, "knot_position", knots.position, "radian")
+            hdf5.write_array(file, "knot_sample", knots.sample)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Measurement:
+        """Read a measurement written by ``save``.
+
+        Raises:
+            SimrigError: not a measurement, of a later version, truncated, or inconsistent.
+        """
+        with hdf5.open_checked(path, _MEASUREMENT) as file:
+            steps = (float(file.attrs[k]) for k in ("elevation_step", "azimuth_step", "theta_max"))
+            placement, slice_types = SlicePlacement(*steps), str(file.attrs["slice_types"])
+            slices = build_slices(placement, slice_types)
+            knots = Knots(
+                first=hdf5.read_array(file, "knot_first", (len(slices.ends) + 1,)),
+                ends=slices.ends,
+                length=slices.length,
+                position=hdf5.read_array(file, "knot_position", (None,)),
+                sample=hdf5.read_array(file, "knot_sample", (None,)),
+            )
+            angles, values, material, cost = read_samples(file)
+            measurement = cls(
+                AdaptiveSamples(angles, values, knots),
+                placement,
+                slice_types,
+                material,
+                cost,
+                hdf5.provenance_of(file),
+            )
+        _check(measurement, path)
+        return measurement
+
+
+def _check(measurement: Measurement, path: str | Path) -> None:
+    """Refuse contents that would make a reconstruction read outside its arrays."""
+    samples, knots = measurement.samples, measurement.samples.knots
+    count = len(samples.values)
+    shapes_fit = (
+        len(samples.angles) == count
+        and knots.position.shape == knots.sample.shape == (int(knots.first[-1]),)
+        and knots.first[0] == 0
+        and bool(np.all(np.diff(knots.first) > 0))
+    )
+    if not shapes_fit or knots.sample.min() < 0 or knots.sample.max() >= count:
+        raise SimrigError(f"'{path}' is damaged: its arrays do not fit together")
+    if count < measurement.placement.intersections:
+        raise SimrigError(f"'{path}' is damaged: it misses intersections of its slices")
+    inside = np.ones(len(knots.position), dtype=bool)
+    inside[knots.first[1:-1]] = False
+    if np.any(np.diff(knots.position)[inside[1:]] <= 0.0):
+        raise SimrigError(f"'{path}' is damaged: positions along a slice do not ascend")
+    if not np.all(np.isfinite(samples.values)) or samples.values.min() < 0.0:
+        raise SimrigError(f"'{path}' holds negative, infinite or NaN reflectance")
+
+
+class ReplayLog:
+    """A checkpoint: every value measured so far, in the order in which it was asked for.
+
+    Adaptive sampling asks for the same directions again when it is given the same values, so a
+    resumed measurement replays the log and goes on where it ends, with the same result as an
+    uninterrupted one.
+
+    Args:
+        path: checkpoint file, or None to keep nothing.
+        setting: plain values that identify the measurement; a checkpoint with others is refused.
+    """
+
+    def __init__(self, path: Path | None, setting: Mapping[str, Any]):
+        self._path, self._setting = path, json.dumps(dict(setting), sort_keys=True)
+        self._angles, self._values = np.empty((0, 4)), np.empty((0, 3))
+        self._position = 0
+        if path is not None and path.exists():
+            with hdf5.open_checked(path, _CHECKPOINT) as file:
+                if file.attrs.get("setting") != self._setting:
+                    raise SimrigError(
+                        f"the checkpoint '{path}' belongs to another measurement: delete it or "
+                        "choose another output"
+                    )
+                self._angles = hdf5.read_array(file, "angles", (None, 4))
+                self._values = hdf5.read_array(file, "values", (len(self._angles), 3))
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def measure(
+        self, angles: np.ndarray, take: Callable[[np.ndarray], np.ndarray], chunk: int = 512
+    ) -> np.ndarray:
+        """Return values for directions, from the log where it has them, else measured.
+
+        Args:
+            angles: (m, 4) directions in the order of the plan.
+            take: measures directions, (m, 4) to (m, 3).
+            chunk: samples measured between two saves.
+
+        Raises:
+            SimrigError: the log holds other directions than these.
+        """
+        known = self._values[self._position : self._position + len(angles)]
+        start = self._position
+        if not np.array_equal(self._angles[start : start + len(known)], angles[: len(known)]):
+            raise SimrigError(
+                f"the checkpoint '{self._path}' was made by another version of simrig: delete it"
+            )
+        self._position += len(angles)
+        for first in range(len(known), len(angles), max(chunk, 1)):
+            part = angles[first : first + chunk]
+            values = take(part)
+            self._angles = np.concatenate([self._angles, part])
+            self._values = np.concatenate([self._values, values])
+            self.save()
+        return self._values[start : start + len(angles)]
+
+    def save(self) -> None:
+        """Write the log, so that nothing measured is lost when the process is killed."""
+        if self._path is not None:
+            with hdf5.create(self._path, _CHECKPOINT) as file:
+                file.attrs["setting"] = self._setting
+                hdf5.write_array(file, "angles", self._angles, "radian")
+                hdf5.write_array(file, "values", self._values, "1/sr")
+
+    def remove(self) -> None:
+        """Delete the checkpoint once the measurement is complete."""
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+
+
+def fingerprint(reflectance: Reflectance) -> str:
+    """Return a short hash of a reflectance's kind and data."""
+    digest = hashlib.sha256(type(reflectance).__name__.encode())
+    for key, value in sorted(reflectance.data().items()):
+        digest.update(key.encode())
+        digest.update(np.ascontiguousarray(value).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _placement_attributes(placement: SlicePlacement, slice_types: str) -> dict[str, Any]:
+    if slice_types not in SLICE_TYPES:
+        raise SimrigError(f"unknown slice types '{slice_types}'")
+    return {
+        "elevation_step": placement.elevation_step,
+        "azimuth_step": placement.azimuth_step,
+        "theta_max": placement.theta_max,
+        "slice_types": slice_types,
+    }

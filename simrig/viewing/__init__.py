@@ -1,0 +1,1 @@
+"""Pictures for people: stimuli, structure over distance, the room, figures of BRDFs."""

@@ -1,0 +1,211 @@
+"""The BRDF picture with axis labels, slices and sample positions (thesis Figures 1.3 and 5.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+
+from simrig.brdf.protocol import Reflectance
+from simrig.core.errors import unknown_name
+from simrig.directions.spherical import TWO_PI, wrap_angle
+from simrig.files.images import to_srgb8
+from simrig.plans.placement import SlicePlacement
+from simrig.rigs.measurements.slices import Measurement
+from simrig.viewing.brdf.picture import (
+    ELEVATIONS_DEG,
+    brdf_exposure,
+    brdf_picture,
+    check_elevations,
+)
+from simrig.viewing.plots import finish_figure, new_figure
+
+# the colours of thesis Figure 5.2
+SLICE_COLOURS = {
+    "axial": "#ff2020",
+    "diagonal": "#3060ff",
+    "horizontal": "#10c010",
+    "vertical": "#00c8d8",
+}
+_SAME_ELEVATION = 1e-6  # radians
+
+
+def brdf_figure(
+    reflectance: Reflectance,
+    *,
+    elevations_deg: Sequence[float] | None = None,
+    azimuth_step_deg: float = 3.0,
+    exposure: float | None = None,
+    placement: SlicePlacement | None = None,
+    measurement: Measurement | None = None,
+    slices: Sequence[str] = ("axial", "diagonal"),
+    title: str | None = None,
+    path: str | Path | None = None,
+) -> bytes:
+    """Draw the BRDF picture with labelled axes and, if wished, slices and samples over it.
+
+    Args:
+        reflectance: what to show.
+        elevations_deg: those of the tiles; by default those of the placement, else 0…75 by 15.
+        azimuth_step_deg: size of a pixel.
+        exposure: factor to f_r before it is shown; chosen by ``brdf_exposure`` and stated
+            in the figure by default.
+        placement: draw the slices of this placement.
+        measurement: draw its samples as dots; also gives the placement.
+        slices: which kinds are drawn: ``axial``, ``diagonal``, ``horizontal``, ``vertical``.
+        title: above the picture; the reflectance's name by default.
+        path: where to write the PNG as well.
+
+    Returns:
+        PNG bytes.
+
+    Raises:
+        SimrigError: see ``brdf_picture``; an unknown kind of slices.
+    """
+    placement = placement or (measurement.placement if measurement else None)
+    if elevations_deg is None:
+        known = ELEVATIONS_DEG if placement is None else np.degrees(placement.elevations)
+        elevations_deg = tuple(float(e) for e in known)
+    elevations = np.radians(check_elevations(elevations_deg))
+    picture = brdf_picture(reflectance, elevations_deg, azimuth_step_deg)
+    exposure = brdf_exposure(picture) if exposure is None else exposure
+    figure = new_figure(9.0, 9.7)
+    panel = figure.subplots()
+    count = len(elevations)
+    panel.imshow(to_srgb8(picture, exposure), extent=(0, count, count, 0), interpolation="nearest")
+    legend: list[Line2D] = []
+    if placement is not None:
+        legend += _draw_slices(panel, placement, count, slices, measured=measurement is not None)
+    if measurement is not None:
+        legend += _draw_samples(panel, measurement, elevations)
+    note = f"shown as sRGB, white is {1.0 / exposure:.3g} 1/sr (exposure {exposure:.3g})"
+    if measurement is not None:
+        note += "; tiles with θ_i > θ_v follow by reciprocity"
+    _label(panel, elevations_deg, note)
+    panel.set_title(title if title is not None else reflectance.name, fontsize=13)
+    if legend:
+        figure.legend(
+            handles=legend, loc="outside upper center", ncols=4, frameon=False, fontsize=9
+        )
+    return finish_figure(figure, path)
+
+
+def _label(panel: Axes, elevations_deg: Sequence[float], note: str) -> None:
+    """Label the tiles by their elevation and separate them."""
+    count = len(elevations_deg)
+    centres = np.arange(count) + 0.5
+    names = [f"{degrees:g}°" for degrees in elevations_deg]
+    panel.set_xticks(centres, names)
+    panel.set_yticks(centres, names)
+    panel.tick_params(length=0)
+    panel.set_xlabel(
+        "view: elevation θ_v of each tile, azimuth φ_v from 0 to 360° within it  →\n" + note
+    )
+    panel.set_ylabel("←  illumination: elevation θ_i of each tile, azimuth φ_i within it")
+    panel.hlines(np.arange(1, count), 0, count, color="0.5", linewidth=0.8)
+    panel.vlines(np.arange(1, count), 0, count, color="0.5", linewidth=0.8)
+    panel.set_xlim(0, count)
+    panel.set_ylim(count, 0)
+
+
+def _draw_slices(
+    panel: Axes, placement: SlicePlacement, count: int, kinds: Sequence[str], measured: bool
+) -> list[Line2D]:
+    """Draw the slices of a placement and return their legend entries.
+
+    Args:
+        count: number of elevations in the picture.
+        measured: only in the tiles that a rig measures, theta_i <= theta_v.
+    """
+    azimuths = placement.azimuth_count
+    tiles = [(r, c) for r in range(1, count) for c in range(r if measured else 1, count)]
+    handles = []
+    for kind in kinds:
+        if kind not in SLICE_COLOURS:
+            raise unknown_name("kind of slices", kind, SLICE_COLOURS)
+        if kind in ("axial", "diagonal"):
+            own = list(_tile_segments(azimuths, rising=kind == "axial"))
+            segments = [np.add(s, (column, row)) for row, column in tiles for s in own]
+        else:
+            segments = list(_elevation_segments(azimuths, count, kind == "horizontal"))
+        colour = SLICE_COLOURS[kind]
+        panel.add_collection(LineCollection(segments, colors=colour, linewidths=0.6, alpha=0.7))
+        handles.append(Line2D([], [], color=colour, label=f"{kind} slices"))
+    return handles
+
+
+def _tile_segments(azimuths: int, rising: bool) -> Iterator[np.ndarray]:
+    """Yield the axial (φ_v − φ_i = α) or diagonal (φ_i + φ_v = β) slices of a tile of side 1.
+
+    A slice leaves the tile at one side and comes back at the opposite one, so it has two parts.
+    """
+    for k in range(azimuths):
+        at = k / azimuths
+        if rising:
+            parts = (((at, 0.0), (1.0, 1.0 - at)), ((0.0, 1.0 - at), (at, 1.0)))
+        else:
+            parts = (((at, 0.0), (0.0, at)), ((1.0, at), (at, 1.0)))
+        for part in parts:
+            yield np.array(part)
+
+
+def _elevation_segments(azimuths: int, count: int, horizontal: bool) -> Iterator[np.ndarray]:
+    """Yield the horizontal (theta_v changes) or vertical slices across all tiles."""
+    for tile in range(1, count):
+        for k in range(2 * azimuths):  # axial and diagonal slices cross at half the azimuth step
+            at = tile + k / (2 * azimuths)
+            line = np.array([(0.0, at), (count, at)])
+            yield line if horizontal else line[:, ::-1]
+
+
+def sample_positions(
+    measurement: Measurement, elevations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where samples lie in the picture.
+
+    A sample between two elevations lies on a horizontal slice; it is put between its positions in
+    the two tiles, in proportion.
+
+    Args:
+        measurement: along slices.
+        elevations: those of the tiles, in radians.
+
+    Returns:
+        Column and row in tiles (tile number plus azimuth / 360°), and whether both elevations
+        are those of a tile.
+    """
+    places, gaps = [], []
+    for theta, phi in (
+        (measurement.theta_v, measurement.phi_v),
+        (measurement.theta_i, measurement.phi_i),
+    ):
+        tile = np.interp(theta, elevations, np.arange(len(elevations)))
+        places.append(tile + wrap_angle(phi) / TWO_PI)
+        gaps.append(np.abs(theta[:, None] - elevations).min(axis=1))
+    return places[0], places[1], np.maximum(*gaps) < _SAME_ELEVATION
+
+
+def _draw_samples(panel: Axes, measurement: Measurement, elevations: np.ndarray) -> list[Line2D]:
+    """Draw the samples as dots and return their legend entries."""
+    columns, rows, inside = sample_positions(measurement, elevations)
+    handles = []
+    for chosen, colour, label in (
+        (inside, "white", "samples in the tiles"),
+        (~inside, "#a0ff60", "samples between two elevations"),
+    ):
+        if chosen.any():
+            style: dict[str, Any] = {
+                "linestyle": "",
+                "marker": "o",
+                "color": colour,
+                "markeredgecolor": "black",
+            }
+            panel.plot(columns[chosen], rows[chosen], markersize=1.9, markeredgewidth=0.25, **style)
+            text = f"{int(chosen.sum()):,} {label}"
+            handles.append(Line2D([], [], markersize=5, label=text, **style))
+    return handles

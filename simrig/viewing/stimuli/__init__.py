@@ -1,0 +1,1 @@
+"""The stimuli of the thesis's experiments."""
