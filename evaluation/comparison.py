@@ -1,4 +1,4 @@
-"""Comparisons: all metrics between two images or two reflectances, as numbers, table and maps."""
+"""Comparisons: all metrics between two images or two BRDFs, as numbers, table and maps."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from rich.table import Table
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.metrics.angular_grid import CHANNELS, AngularGrid, grid_sums
 from simrig.evaluation.metrics.mre import RelativeError, relative_error
@@ -48,7 +48,7 @@ IMAGE_METRICS: dict[str, Metric] = {
     "hdr_flip": Metric("HDR-FLIP", "", True, "mean over pixels, linear values"),
 }
 
-REFLECTANCE_METRICS: dict[str, Metric] = {
+BRDF_METRICS: dict[str, Metric] = {
     "mre": Metric("MRE", "%", True, "mean of |f − f'| / f over the grid"),
     "rmse": Metric("RMSE", "1/sr", True, "over the grid"),
     "log_psnr": Metric("log-PSNR", "dB", False, "peak 1e4, floor 1e-5"),
@@ -117,13 +117,13 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class ReflectanceComparison:
-    """Two reflectances compared; ``REFLECTANCE_METRICS`` says what the numbers mean.
+class BrdfComparison:
+    """Two BRDFs compared; ``BRDF_METRICS`` says what the numbers mean.
 
     Attributes:
         mre: mean relative error, in percent.
         rmse: root mean squared error, in 1/sr.
-        log_psnr: in dB, infinite for equal reflectances.
+        log_psnr: in dB, infinite for equal BRDFs.
         relative_error: the MRE per channel and how it came about.
         grid: the direction pairs.
     """
@@ -136,7 +136,7 @@ class ReflectanceComparison:
 
     def to_dict(self) -> dict[str, float | int | None]:
         """Return the numbers for JSON; an infinite log-PSNR becomes None."""
-        numbers = {name: finite(getattr(self, name)) for name in REFLECTANCE_METRICS}
+        numbers = {name: finite(getattr(self, name)) for name in BRDF_METRICS}
         settings = {
             "step_deg": self.grid.step_deg,
             "theta_max_deg": self.grid.theta_max_deg,
@@ -146,14 +146,14 @@ class ReflectanceComparison:
 
     def table(self, title: str = "Reflectance comparison") -> Table:
         """Return the numbers as a table for the terminal."""
-        values = {name: getattr(self, name) for name in REFLECTANCE_METRICS}
+        values = {name: getattr(self, name) for name in BRDF_METRICS}
         caption = (
             f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°, "
-            f"elevations to {self.grid.theta_max_deg:g}°"
+            f"polar angles to {self.grid.theta_max_deg:g}°"
         )
         if self.relative_error.excluded:
             caption += f"; MRE without {self.relative_error.excluded:,} values of zero truth"
-        return metric_table({"value": values}, REFLECTANCE_METRICS, title, caption)
+        return metric_table({"value": values}, BRDF_METRICS, title, caption)
 
 
 def finite(value: float) -> float | None:
@@ -231,18 +231,18 @@ def compare_images(
     )
 
 
-def compare_reflectances(
-    truth: Reflectance,
-    approximation: Reflectance | np.ndarray,
+def compare_brdfs(
+    truth: Brdf,
+    approximation: Brdf | np.ndarray,
     *,
     step_deg: float = 2.0,
     theta_max_deg: float = 80.0,
-) -> ReflectanceComparison:
-    """Compare a reflectance with the truth over the whole grid of direction pairs.
+) -> BrdfComparison:
+    """Compare a BRDF with the truth over the whole grid of direction pairs.
 
     Args:
         truth: the reference f.
-        approximation: f', a reflectance or a dense array (theta_i, theta_v, phi_i, phi_v, rgb).
+        approximation: f', a BRDF or a dense array (theta_i, theta_v, phi_i, phi_v, rgb).
         step_deg, theta_max_deg: see ``AngularGrid``.
 
     Raises:
@@ -252,7 +252,7 @@ def compare_reflectances(
     sums = grid_sums(truth, approximation, grid, squares=True, log_floor=metrics.LOG_FLOOR)
     values = grid.directions * CHANNELS
     error = relative_error(sums)
-    return ReflectanceComparison(
+    return BrdfComparison(
         mre=error.percent,
         rmse=math.sqrt(sums.squared.sum() / values),
         log_psnr=metrics.log_psnr_from_mse(sums.squared_log.sum() / values),

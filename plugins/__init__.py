@@ -1,4 +1,4 @@
-"""Mitsuba BSDFs that wrap a reflectance."""
+"""Mitsuba BSDFs that wrap a BRDF."""
 
 if __name__ != "simrig.plugins":  # a second copy of the modules would be made
     raise ImportError("import this package as 'simrig.plugins', not as 'plugins'")

@@ -1,4 +1,4 @@
-"""The one adapter that turns any reflectance into a Mitsuba BSDF.
+"""The one adapter that turns any BRDF into a Mitsuba BSDF.
 
 A class made under one Mitsuba variant cannot be used under another, so the class is defined by a
 function that ``register`` calls once per variant.
@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.arrays import Array, to_device
 from simrig.core.errors import SimrigError
 from simrig.plugins.importance_sampling import fit_mixture, fitted
@@ -63,35 +63,33 @@ def define_adapter() -> type:
     guard = uncollected if is_jit else lambda method: method
     upsample = Upsampler()
 
-    class ReflectanceBSDF(mi.BSDF):
-        """A reflectance as a Mitsuba BSDF: one-sided, one component.
+    class BrdfBSDF(mi.BSDF):
+        """A BRDF as a Mitsuba BSDF: one-sided, one component.
 
         Mitsuba's ``si.wi`` is the view direction in radiance mode and the illumination in
         importance mode; the value returned is f_r times the cosine of ``wo`` in both, as in
         Mitsuba's own BSDFs.
         """
 
-        def __init__(
-            self, props: Any, reflectance: Reflectance | None = None, rotation_deg: float = 0.0
-        ) -> None:
+        def __init__(self, props: Any, brdf: Brdf | None = None, rotation_deg: float = 0.0) -> None:
             super().__init__(props)
-            if reflectance is None:
+            if brdf is None:
                 rotation_deg = number(props, "rotation", 0.0)
-                reflectance = self.build(props)
-            self.reflectance = reflectance
-            self.data = _device_copies(reflectance, mi)
+                brdf = self.build(props)
+            self.brdf = brdf
+            self.data = _device_copies(brdf, mi)
             self._prepare()
-            self.mixture_host = fitted(reflectance)
+            self.mixture_host = fitted(brdf)
             self.mixture = _on_device(self.mixture_host, mi)
-            self.fitted_data: Mapping[str, np.ndarray] = reflectance.data()
+            self.fitted_data: Mapping[str, np.ndarray] = brdf.data()
             self.rotation = to_number(float(rotation_deg), mi)
             self._turn()
             self.m_components = [all_flags]
             self.m_flags = all_flags
 
         @staticmethod
-        def build(props: Any) -> Reflectance:
-            """Return the reflectance that the properties describe; named plugins override it."""
+        def build(props: Any) -> Brdf:
+            """Return the BRDF that the properties describe; named plugins override it."""
             raise SimrigError("this plugin is made by simrig.plugins.make_bsdf, not by name")
 
         # -- the interface of Mitsuba ------------------------------------------------------------
@@ -161,18 +159,18 @@ def define_adapter() -> type:
                 dr.make_opaque(value)  # a literal would become part of the kernel
             self._prepare()
             if self._outdated(host):
-                self.mixture_host = fit_mixture(self.reflectance, host, start=self.mixture_host)
+                self.mixture_host = fit_mixture(self.brdf, host, start=self.mixture_host)
                 self.mixture = _on_device(self.mixture_host, mi)
                 self.fitted_data = host
 
         def to_string(self) -> str:
-            shapes = {name: np.shape(value) for name, value in self.reflectance.data().items()}
+            shapes = {name: np.shape(value) for name, value in self.brdf.data().items()}
             data = ", ".join(f"{name}{list(shape) or ''}" for name, shape in shapes.items())
             return (
                 f"{type(self).__name__}[\n"
-                f"  reflectance = {type(self.reflectance).__name__} '{self.reflectance.name}',\n"
+                f"  BRDF = {type(self.brdf).__name__} '{self.brdf.name}',\n"
                 f"  data = [{data}],\n"
-                f"  reciprocal = {str(self.reflectance.reciprocal).lower()},\n"
+                f"  reciprocal = {str(self.brdf.reciprocal).lower()},\n"
                 f"  rotation = {as_float(self.rotation):g}\n"
                 f"]"
             )
@@ -180,7 +178,7 @@ def define_adapter() -> type:
         # -- what happens inside -----------------------------------------------------------------
 
         def _enabled(self, ctx: Any) -> bool:
-            """Return whether the context asks for us: a reflectance cannot be split in lobes.
+            """Return whether the context asks for us: a BRDF cannot be split in lobes.
 
             Whoever sums over the types must get it once, so only the glossy one counts.
             """
@@ -189,7 +187,7 @@ def define_adapter() -> type:
         def _prepare(self) -> None:
             """Make the arrays that look-ups read from the data."""
             self.differentiable = dr.grad_enabled(self.data)
-            self.prepared = self.reflectance.prepare(self.data, self.differentiable)
+            self.prepared = self.brdf.prepare(self.data, self.differentiable)
             if is_jit:
                 dr.make_opaque(self.prepared)
 
@@ -252,37 +250,37 @@ def define_adapter() -> type:
 
         def _look_up(self, light: Any, view: Any, place: Any) -> Any:
             """Return f_r as a colour."""
-            return self.reflectance.eval(light, view, self.prepared)
+            return self.brdf.eval(light, view, self.prepared)
 
         def _density(self, wi: Any, wo: Any) -> Any:
             return mixture_pdf(self.mixture, dr.detach(wi), dr.detach(wo))
 
         def _host_data(self) -> Mapping[str, np.ndarray]:
-            """Return the current data on the host, in the shapes of the reflectance.
+            """Return the current data on the host, in the shapes of the BRDF.
 
             Raises:
                 SimrigError: where the size differs (a look-up would leave the array).
             """
             host = {}
-            for name, master in self.reflectance.data().items():
+            for name, master in self.brdf.data().items():
                 value = dr.detach(self.data[name]).numpy()
                 if value.size != np.size(master):
                     raise SimrigError(
-                        f"'{name}' of '{self.reflectance.name}' needs {np.size(master)} values, "
+                        f"'{name}' of '{self.brdf.name}' needs {np.size(master)} values, "
                         f"got {value.size}"
                     )
                 host[name] = value.reshape(np.shape(master))
             return host
 
-    return ReflectanceBSDF
+    return BrdfBSDF
 
 
-def _device_copies(reflectance: Reflectance, mi: Any) -> dict[str, Array]:
+def _device_copies(brdf: Brdf, mi: Any) -> dict[str, Array]:
     """Return the data for the current variant; tables share memory until they are changed."""
     if mi.Float is float:
-        return {k: to_device(v, float, mi.ScalarColor3f) for k, v in reflectance.data().items()}
+        return {k: to_device(v, float, mi.ScalarColor3f) for k, v in brdf.data().items()}
     copies = {}
-    for name, value in reflectance.on(mi.Float).items():
+    for name, value in brdf.on(mi.Float).items():
         make = mi.Color3f if dr.depth_v(value) == 2 else mi.Float
         copies[name] = make(value)
     return copies

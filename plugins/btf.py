@@ -12,8 +12,8 @@ import numpy as np
 from simrig.btf.factored import TOLERANCE, FactoredBtf
 from simrig.btf.full import BUDGET_BYTES, OVER_BUDGET, FullBtf
 from simrig.btf.grid import MISSING
-from simrig.btf.mipmap import MOST_PROBES
-from simrig.btf.spatial import SpatialReflectance
+from simrig.btf.mipmap import MOST_ANISOTROPY
+from simrig.btf.spatial import SpatialBrdf
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.plugins.adapter import to_number
 from simrig.plugins.footprint import Cone
@@ -38,7 +38,7 @@ def define_btf(adapter: type) -> type:
     | pixel_angle | float | 0 | – | degrees of one pixel: the footprint grows with distance |
     | pixel_width | float | 0 | – | mm of one pixel of an orthographic camera |
     | unit | float | 1 | – | mm per unit of the scene |
-    | probes | integer | 8 | – | most look-ups along a footprint's longer axis |
+    | anisotropy | integer | 8 | – | most look-ups along a footprint's longer axis |
     | missing | string | refuse | – | pairs without an image: `refuse` or `fill` |
     | budget | float | 2048 | – | MiB that the table may take |
     | over_budget | string | refuse | – | a larger one: `refuse`, or `coarsen` the tile |
@@ -58,7 +58,7 @@ def define_btf(adapter: type) -> type:
     mi: Any = mitsuba  # its stubs describe one variant, the class below serves all
 
     class BtfBSDF(adapter):
-        """A spatially varying reflectance, seen through a pixel's cone.
+        """A spatially varying BRDF, seen through a pixel's cone.
 
         Attributes:
             within_mm: how far structure is seen; see ``show_structure_within``.
@@ -67,13 +67,13 @@ def define_btf(adapter: type) -> type:
         def __init__(
             self,
             props: Any,
-            reflectance: SpatialReflectance | None = None,
+            brdf: SpatialBrdf | None = None,
             rotation_deg: float = 0.0,
         ) -> None:
             self.cone = Cone.from_properties(props)
-            if reflectance is not None:
+            if brdf is not None:
                 rotation_deg = number(props, "rotation", rotation_deg)
-            super().__init__(props, reflectance, rotation_deg)
+            super().__init__(props, brdf, rotation_deg)
             self.show_structure_within(np.inf)
 
         def show_structure_within(self, distance_mm: float) -> None:
@@ -88,14 +88,14 @@ def define_btf(adapter: type) -> type:
             self.within = to_number(distance_mm / self.cone.unit_mm, mi)
 
         @staticmethod
-        def build(props: Any) -> SpatialReflectance:
+        def build(props: Any) -> SpatialBrdf:
             """Read the file that the properties name."""
             path = resolved("simrig_btf", props)
             options = {
                 "missing": _choice(props, "missing", MISSING),
                 "over_budget": _choice(props, "over_budget", OVER_BUDGET),
                 "budget_bytes": int(_MIB * number(props, "budget", BUDGET_BYTES / _MIB)),
-                "probes": number(props, "probes", MOST_PROBES),
+                "anisotropy": number(props, "anisotropy", MOST_ANISOTROPY),
                 "form": _choice(props, "form", FORMS),
                 "tolerance": number(props, "tolerance", TOLERANCE),
             }
@@ -110,14 +110,14 @@ def define_btf(adapter: type) -> type:
 
         def _look_up(self, light: Any, view: Any, place: Any) -> Any:
             def average(light: Any, view: Any) -> Any:
-                return mi.Color3f(self.reflectance.eval(light, view, self.prepared))
+                return mi.Color3f(self.brdf.eval(light, view, self.prepared))
 
             if place is None:
                 return average(light, view)
             footprint, near = place
 
             def texels(light: Any, view: Any) -> Any:
-                return mi.Color3f(self.reflectance.eval_at(light, view, footprint, self.prepared))
+                return mi.Color3f(self.brdf.eval_at(light, view, footprint, self.prepared))
 
             if near is None:
                 return texels(light, view)
@@ -129,17 +129,17 @@ def define_btf(adapter: type) -> type:
 
 
 @lru_cache(maxsize=_KEPT)
-def _loaded(path: Path, changed: int, options: tuple[tuple[str, Any], ...]) -> SpatialReflectance:
-    """Return the reflectance of a file, read once; its time of change is part of the key."""
+def _loaded(path: Path, changed: int, options: tuple[tuple[str, Any], ...]) -> SpatialBrdf:
+    """Return the BRDF of a file, read once; its time of change is part of the key."""
     from simrig.files.btf.hdf5 import read_btf
-    from simrig.files.hdf5 import content_of, read_reflectance
+    from simrig.files.hdf5 import content_of, read_brdf
 
     chosen = dict(options)
     form, tolerance = chosen.pop("form"), chosen.pop("tolerance")
-    if content_of(path) == "reflectance":
-        reflectance = read_reflectance(path)
-        if isinstance(reflectance, SpatialReflectance):
-            return reflectance
+    if content_of(path) == "brdf":
+        brdf = read_brdf(path)
+        if isinstance(brdf, SpatialBrdf):
+            return brdf
         raise SimrigError(f"simrig_btf: '{path}' holds a BRDF: use simrig_table")
     if form == "full":
         return FullBtf.from_stack(read_btf(path), **chosen)
@@ -147,7 +147,7 @@ def _loaded(path: Path, changed: int, options: tuple[tuple[str, Any], ...]) -> S
         read_btf(path),
         tolerance=tolerance,
         missing=chosen["missing"],
-        probes=chosen["probes"],
+        anisotropy=chosen["anisotropy"],
     )
 
 

@@ -1,4 +1,4 @@
-"""Fit of the sampling mixture to a reflectance, on the host.
+"""Fit of the sampling mixture to a BRDF, on the host.
 
 The variance of the importance sampled estimate grows with the integral of g²/p, where g is
 f_r·cos θ and p the density. Its gradient is that of a maximum likelihood fit to samples of weight
@@ -13,12 +13,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.plugins.lobes import Lobe, Mixture, lobe_pdf
 
 _VIEW_THETA_DEG = (3.0, 25.0, 45.0, 60.0, 72.0, 82.0)
 _VIEW_PHI_COUNT = 6
-_RADII = np.geomspace(5e-4, 50.0, 32)  # tangents of the half vector's elevation
+_RADII = np.geomspace(5e-4, 50.0, 32)  # tangents of the half vector's polar angle
 _AZIMUTH_COUNT = 24
 _GOLDEN = 0.6180339887498949
 _COSINE_SHARE = 0.1  # of the mixture, always: bounds the weight by 10 π f_r
@@ -67,24 +67,24 @@ class _Quadrature:
 
 
 def fit_mixture(
-    reflectance: Reflectance,
+    brdf: Brdf,
     data: Mapping[str, np.ndarray] | None = None,
     start: Mixture | None = None,
 ) -> Mixture:
-    """Fit the sampling mixture to a reflectance (well under a second).
+    """Fit the sampling mixture to a BRDF (well under a second).
 
-    Any mixture samples any reflectance without bias; the fit decides only the noise.
+    Any mixture samples any BRDF without bias; the fit decides only the noise.
 
     Args:
-        reflectance: what to sample; non-finite values count as black.
-        data: host arrays in place of ``reflectance.data()``.
+        brdf: what to sample; non-finite values count as black.
+        data: host arrays in place of ``brdf.data()``.
         start: mixture of similar data, from which a few passes suffice. By default the search
             starts from a narrow and a wide lobe.
     """
     q = quadrature()
-    data = reflectance.prepare(reflectance.data() if data is None else data, False)
+    data = brdf.prepare(brdf.data() if data is None else data, False)
     with np.errstate(all="ignore"):  # data under optimisation may be anything
-        value = reflectance.eval(q.light, q.view, data).mean(axis=-1) * q.light[..., 2]
+        value = brdf.eval(q.light, q.view, data).mean(axis=-1) * q.light[..., 2]
         target = np.clip(np.nan_to_num(value, nan=0.0, posinf=0.0), 0.0, None)
     total = np.sum(target * q.solid_angle, axis=1, keepdims=True)
     if not np.any(total > 0.0):
@@ -104,21 +104,21 @@ def fit_mixture(
     return best
 
 
-def fitted(reflectance: Reflectance) -> Mixture:
-    """Return the mixture of a reflectance's own data, fitted once and kept with it."""
-    cache = reflectance.__dict__
+def fitted(brdf: Brdf) -> Mixture:
+    """Return the mixture of a BRDF's own data, fitted once and kept with it."""
+    cache = brdf.__dict__
     if "_sampling_mixture" not in cache:
-        cache["_sampling_mixture"] = fit_mixture(reflectance)
+        cache["_sampling_mixture"] = fit_mixture(brdf)
     return cache["_sampling_mixture"]
 
 
-def sample_alike(reflectance: Reflectance, other: Reflectance) -> None:
-    """Draw directions of a reflectance as those of another one, in BSDFs made from now on.
+def sample_alike(brdf: Brdf, other: Brdf) -> None:
+    """Draw directions of a BRDF as those of another one, in BSDFs made from now on.
 
     Paths of both then go the same ways with the same random numbers, and their noise is common. A
-    mixture of another reflectance is right as well: a share of it reaches every direction.
+    mixture of another BRDF is right as well: a share of it reaches every direction.
     """
-    reflectance.__dict__["_sampling_mixture"] = fitted(other)
+    brdf.__dict__["_sampling_mixture"] = fitted(other)
 
 
 def quadrature() -> _Quadrature:

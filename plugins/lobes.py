@@ -5,8 +5,8 @@ A lobe is the distribution of visible normals of a GGX surface, bounded to the u
 times a lower triangular matrix L, so an anisotropy of any direction costs neither an angle nor a
 rotation. With L = diag(alpha_u, alpha_v) it is the usual anisotropic GGX.
 
-Everything is written over ``simrig.core.arrays``: the fit runs it on NumPy arrays, the renderer on its
-own arrays.
+Everything is written over ``simrig.core.arrays``: the fit runs it on NumPy arrays, the renderer on
+its own arrays.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""BSDFs from reflectances in memory, and plain errors from scenes that Mitsuba loads."""
+"""BSDFs from BRDFs in memory, and plain errors from scenes that Mitsuba loads."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from simrig.brdf.protocol import Reflectance
-from simrig.btf.spatial import SpatialReflectance
+from simrig.brdf.protocol import Brdf
+from simrig.btf.spatial import SpatialBrdf
 from simrig.core.errors import SimrigError, unknown_name
 
 BTF_NUMBERS = ("scale", "scale_v", "rotation", "pixel_angle", "pixel_width", "unit")
 
 
-def make_bsdf(reflectance: Reflectance, rotation_deg: float = 0.0) -> Any:
-    """Return a Mitsuba BSDF of a reflectance, for use as a value in scene dictionaries.
+def make_bsdf(brdf: Brdf, rotation_deg: float = 0.0) -> Any:
+    """Return a Mitsuba BSDF of a BRDF, for use as a value in scene dictionaries.
 
     Args:
-        reflectance: what to render.
+        brdf: what to render.
         rotation_deg: rotation of the material about its normal, in degrees.
 
     Raises:
@@ -30,14 +30,14 @@ def make_bsdf(reflectance: Reflectance, rotation_deg: float = 0.0) -> Any:
 
     if mi.variant() is None:
         raise SimrigError("no variant is set: call simrig.core.backend.select() first")
-    return register()(mi.Properties("simrig_reflectance"), reflectance, rotation_deg)
+    return register()(mi.Properties("simrig_brdf"), brdf, rotation_deg)
 
 
-def make_btf(reflectance: SpatialReflectance, **options: Any) -> Any:
+def make_btf(brdf: SpatialBrdf, **options: Any) -> Any:
     """Return a Mitsuba BSDF of a BTF in memory, for use as a value in scene dictionaries.
 
     Args:
-        reflectance: what to render.
+        brdf: what to render.
         options: numbers of the plugin ``simrig_btf``: ``scale`` (required), ``scale_v``,
             ``rotation``, ``pixel_angle``, ``pixel_width``, ``unit``.
 
@@ -53,7 +53,7 @@ def make_btf(reflectance: SpatialReflectance, **options: Any) -> Any:
     properties = mi.Properties("simrig_btf")
     for name, value in options.items():
         properties[name] = value
-    bsdf = register_btf()(properties, reflectance)
+    bsdf = register_btf()(properties, brdf)
     stray = properties.unqueried()
     if stray:
         raise unknown_name("option of simrig_btf", stray[0], BTF_NUMBERS)

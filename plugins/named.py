@@ -1,4 +1,4 @@
-"""The plugins that scenes call by name: each builds its reflectance from Mitsuba properties.
+"""The plugins that scenes call by name: each builds its BRDF from Mitsuba properties.
 
 The docstrings are the manual; ``simrig.plugins.manual`` makes docs/plugins.md from them.
 """
@@ -14,13 +14,13 @@ import numpy as np
 
 from simrig.brdf.analytic import Kurt, KurtLobe, Ward
 from simrig.brdf.kurt_materials import kurt_material
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
 
 _LOBE_NUMBERS = ("f_0", "m_x", "m_y", "alpha")
 
 
-def simrig_kurt(props: Any) -> Reflectance:
+def simrig_kurt(props: Any) -> Brdf:
     """The anisotropic microfacet model of Kurt et al. 2010.
 
     Either ``material`` or the parameters, not both.
@@ -30,7 +30,7 @@ def simrig_kurt(props: Any) -> Reflectance:
     | material | string | – | – | one of the ten built-in materials, or its `_rescaled` form |
     | k_d | rgb or float | 0.1 | `k_d` | diffuse coefficient |
     | k_s | rgb or float | 0.2 | `lobe_1_k_s` | specular coefficient |
-    | f_0 | float | 1 | `lobe_1_f_0` | reflectance at normal incidence, in [0, 1] |
+    | f_0 | float | 1 | `lobe_1_f_0` | BRDF at normal incidence, in [0, 1] |
     | m_x, m_y | float | 0.2 | `lobe_1_m_x`, `lobe_1_m_y` | roughness, in [0.005, 3] |
     | alpha | float | 0 | `lobe_1_alpha` | exponent of the cosines, in [0, 1] |
     | k_s_2, f_0_2, m_x_2, m_y_2, alpha_2 | as above | – | `lobe_2_…` | second lobe |
@@ -54,13 +54,13 @@ def simrig_kurt(props: Any) -> Reflectance:
     return Kurt(k_d=_colour(props, "k_d", 0.1), lobes=tuple(lobes), name="simrig_kurt")
 
 
-def simrig_ward(props: Any) -> Reflectance:
+def simrig_ward(props: Any) -> Brdf:
     """Ward's anisotropic model.
 
     | parameter | type | default | differentiable | meaning |
     | --- | --- | --- | --- | --- |
-    | k_d | rgb or float | 0.1 | `k_d` | diffuse reflectance |
-    | k_s | rgb or float | 0.2 | `k_s` | specular reflectance |
+    | k_d | rgb or float | 0.1 | `k_d` | diffuse BRDF |
+    | k_s | rgb or float | 0.2 | `k_s` | specular BRDF |
     | m_x, m_y | float | 0.2 | `m_x`, `m_y` | roughness, in [0.005, 3] |
     | variant | string | bounded | – | `bounded` (2010), `duer` (2006) or `ward` (1992) |
     | rotation | float | 0 | `rotation` | degrees about the normal |
@@ -79,8 +79,8 @@ def simrig_ward(props: Any) -> Reflectance:
     )
 
 
-def simrig_slices(props: Any) -> Reflectance:
-    """A reflectance reconstructed from one-dimensional slices, as stored by simrig (HDF5).
+def simrig_slices(props: Any) -> Brdf:
+    """A BRDF reconstructed from one-dimensional slices, as stored by simrig (HDF5).
 
     | parameter | type | default | differentiable | meaning |
     | --- | --- | --- | --- | --- |
@@ -91,17 +91,17 @@ def simrig_slices(props: Any) -> Reflectance:
     {"type": "simrig_slices", "filename": "slices.h5"}
     ```
     """
-    reflectance = _load("simrig_slices", props)
-    kind = getattr(reflectance, "kind", type(reflectance).__name__)
+    brdf = _load("simrig_slices", props)
+    kind = getattr(brdf, "kind", type(brdf).__name__)
     if kind != "slices":
         raise SimrigError(
             f"simrig_slices: '{props['filename']}' holds {kind}, not slices: use simrig_table"
         )
-    return reflectance
+    return brdf
 
 
-def simrig_table(props: Any) -> Reflectance:
-    """A reflectance from a file of any format that simrig reads.
+def simrig_table(props: Any) -> Brdf:
+    """A BRDF from a file of any format that simrig reads.
 
     | parameter | type | default | differentiable | meaning |
     | --- | --- | --- | --- | --- |
@@ -115,7 +115,7 @@ def simrig_table(props: Any) -> Reflectance:
     return _load("simrig_table", props)
 
 
-PLUGINS: dict[str, Callable[[Any], Reflectance]] = {
+PLUGINS: dict[str, Callable[[Any], Brdf]] = {
     "simrig_slices": simrig_slices,
     "simrig_table": simrig_table,
     "simrig_kurt": simrig_kurt,
@@ -140,7 +140,7 @@ def resolved(plugin: str, props: Any) -> Path:
     return path
 
 
-def _load(plugin: str, props: Any) -> Reflectance:
+def _load(plugin: str, props: Any) -> Brdf:
     """Load the material in the file that ``filename`` names."""
     from simrig.files.load import load_material
 

@@ -1,4 +1,4 @@
-"""Linear RGB reflectance to whatever spectrum the current variant transports.
+"""Linear RGB BRDF to whatever spectrum the current variant transports.
 
 The spectral variants use the basis of Mallett and Yuksel 2019 ("Spectral primary decomposition
 for rendering with sRGB reflectance"): three non-negative spectra that add up to one and whose

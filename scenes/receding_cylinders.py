@@ -116,7 +116,7 @@ def patched(bsdf: Any, width_mm: float, reflectance: float = 0.2) -> dict[str, A
     Args:
         bsdf: a Mitsuba BSDF or its dictionary.
         width_mm: of the strip, around the cylinder.
-        reflectance: of the strip, diffuse.
+        brdf: of the strip, diffuse.
 
     Raises:
         SimrigError: a strip that is not between 0 and a quarter of the circumference wide.

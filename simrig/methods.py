@@ -1,4 +1,4 @@
-"""The methods by name: how each measures a material, and the reflectance that it makes of that.
+"""The methods by name: how each measures a material, and the BRDF that it makes of that.
 
 Studies and plots run any of them alike. A method asks the rig for its own plan; where it cannot
 take exactly the samples that were wished, it takes the most that its plans allow below, and says
@@ -14,8 +14,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
-from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.directions.schemes import HemisphereScheme
@@ -23,7 +23,7 @@ from simrig.plans.gantry import gantry_plan
 from simrig.plans.placement import optimal_placement
 from simrig.plans.uniform import largest_uniform_scheme, uniform_plan
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
-from simrig.reconstruction.scattered.by_name import Rebuilt, reconstruct_by_name
+from simrig.reconstruction.scattered.by_name import Reconstructed, reconstruct_by_name
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer, Progress
@@ -37,16 +37,16 @@ class MethodResult:
     """What a method made of a material, and what that cost.
 
     Attributes:
-        reflectance: the result.
+        brdf: the result.
         samples: how many were really taken.
         hardware_seconds: simulated time of the measuring device.
         sampling_seconds: time of computing while measuring.
-        reconstruction_seconds: time from the samples to the reflectance.
+        reconstruction_seconds: time from the samples to the BRDF.
         bytes: storage of the result.
         notes: what a reader must know: condition numbers, fall-backs, assumptions.
     """
 
-    reflectance: Reflectance
+    brdf: Brdf
     samples: int
     hardware_seconds: float
     sampling_seconds: float
@@ -62,7 +62,7 @@ class Method:
     Attributes:
         name: its key in ``METHODS``.
         about: one line.
-        run: ``run(rig, reflectance, samples, progress=None)`` measures and reconstructs.
+        run: ``run(rig, brdf, samples, progress=None)`` measures and reconstructs.
         least_samples: fewer than these are refused.
     """
 
@@ -83,18 +83,20 @@ def method(name: str) -> Method:
     return METHODS[name]
 
 
-def rebuilt(cost: Cost, rebuild: Callable[[], Rebuilt], *notes: str) -> MethodResult:
+def reconstructed(
+    cost: Cost, reconstruct: Callable[[], Reconstructed], *notes: str
+) -> MethodResult:
     """Time a reconstruction and return it with the cost of its measurement.
 
     Args:
         cost: of the measurement.
-        rebuild: makes the reflectance.
+        reconstruct: makes the BRDF.
         notes: said before those of the reconstruction.
     """
     elapsed = stopwatch()
-    made = rebuild()
+    made = reconstruct()
     return MethodResult(
-        reflectance=made.reflectance,
+        brdf=made.brdf,
         samples=cost.samples,
         hardware_seconds=cost.hardware_seconds,
         sampling_seconds=cost.compute_seconds,
@@ -106,66 +108,64 @@ def rebuilt(cost: Cost, rebuild: Callable[[], Rebuilt], *notes: str) -> MethodRe
 
 def _slices(
     slice_types: str,
-    rebuild_from: Callable[[SliceMeasurement], SliceReflectance],
+    reconstruct_from: Callable[[SliceMeasurement], SliceBrdf],
     rig: Gonioreflectometer,
-    reflectance: Reflectance,
+    brdf: Brdf,
     samples: int,
     progress: Progress | None = None,
 ) -> MethodResult:
-    placement = optimal_placement(samples, _theta_max_deg(reflectance))
-    measurement = rig.measure(
-        reflectance, placement, samples, slice_types=slice_types, progress=progress
-    )
+    placement = optimal_placement(samples, _theta_max_deg(brdf))
+    measurement = rig.measure(brdf, placement, samples, slice_types=slice_types, progress=progress)
 
-    def rebuild() -> Rebuilt:
-        result = rebuild_from(measurement)
-        return Rebuilt(result, result.stored_bytes)
+    def reconstruct() -> Reconstructed:
+        result = reconstruct_from(measurement)
+        return Reconstructed(result, result.stored_bytes)
 
-    return rebuilt(measurement.cost, rebuild, placement.describe(), *_assumed(reflectance))
+    return reconstructed(measurement.cost, reconstruct, placement.describe(), *_assumed(brdf))
 
 
 def _on_scheme(
     name: str,
-    plan: Callable[[int, Reflectance], HemisphereScheme],
+    plan: Callable[[int, Brdf], HemisphereScheme],
     rig: Gonioreflectometer,
-    reflectance: Reflectance,
+    brdf: Brdf,
     samples: int,
     progress: Progress | None = None,
 ) -> MethodResult:
-    scheme = plan(samples, reflectance)
-    measurement = rig.measure_scheme(reflectance, scheme, reciprocal=True, progress=progress)
-    return rebuilt(
+    scheme = plan(samples, brdf)
+    measurement = rig.measure_scheme(brdf, scheme, reciprocal=True, progress=progress)
+    return reconstructed(
         measurement.cost,
         partial(reconstruct_by_name, name, measurement),
         f"{scheme.name}, {len(scheme)} directions",
-        *_assumed(reflectance),
+        *_assumed(brdf),
     )
 
 
-def _uniform(samples: int, reflectance: Reflectance) -> HemisphereScheme:
+def _uniform(samples: int, brdf: Brdf) -> HemisphereScheme:
     """Return the densest uniform scheme; its rings must lie within the data."""
     scheme = largest_uniform_scheme(samples)
-    if scheme.theta.max() > reflectance.theta_max + 1e-6:
+    if scheme.theta.max() > brdf.theta_max + 1e-6:
         raise SimrigError(
-            f"'{reflectance.name}' has data up to {np.degrees(reflectance.theta_max):g}° only; "
+            f"'{brdf.name}' has data up to {np.degrees(brdf.theta_max):g}° only; "
             f"the uniform schemes reach {LARGEST_THETA_DEG:g}°: use regular_grid or slices"
         )
     return scheme
 
 
-def _regular(samples: int, reflectance: Reflectance) -> HemisphereScheme:
-    theta_max = float(np.radians(_theta_max_deg(reflectance)))
+def _regular(samples: int, brdf: Brdf) -> HemisphereScheme:
+    theta_max = float(np.radians(_theta_max_deg(brdf)))
     return uniform_plan(samples, theta_max).scheme()
 
 
-def _theta_max_deg(reflectance: Reflectance) -> float:
+def _theta_max_deg(brdf: Brdf) -> float:
     """Return 80, or where the data end earlier, that rounded down to whole degrees."""
-    data_end = float(np.degrees(reflectance.theta_max))
+    data_end = float(np.degrees(brdf.theta_max))
     return min(LARGEST_THETA_DEG, float(np.floor(data_end + 5e-5)))
 
 
-def _assumed(reflectance: Reflectance) -> tuple[str, ...]:
-    if reflectance.reciprocal:
+def _assumed(brdf: Brdf) -> tuple[str, ...]:
+    if brdf.reciprocal:
         return ()
     return ("not reciprocal: only theta_i <= theta_v was measured",)
 
@@ -173,7 +173,7 @@ def _assumed(reflectance: Reflectance) -> tuple[str, ...]:
 def _gantry(
     name: str,
     rig: Gonioreflectometer,
-    reflectance: Reflectance,
+    brdf: Brdf,
     samples: int,
     progress: Progress | None = None,
 ) -> MethodResult:
@@ -181,15 +181,15 @@ def _gantry(
     if rig.effects:
         raise SimrigError("a gantry simulates no effects: give a rig without")
     plan = gantry_plan(samples)
-    measurement = Gantry().measure(reflectance, plan)
+    measurement = Gantry().measure(brdf, plan)
     if progress is not None:
         progress(plan.samples, plan.samples)
 
-    def rebuild() -> Rebuilt:
+    def reconstruct() -> Reconstructed:
         made = reconstruct_gantry(measurement, name)
-        return Rebuilt(made.reflectance, made.reflectance.values.nbytes, made.notes)
+        return Reconstructed(made.brdf, made.brdf.values.nbytes, made.notes)
 
-    return rebuilt(measurement.cost, rebuild, plan.describe())
+    return reconstructed(measurement.cost, reconstruct, plan.describe())
 
 
 # name and one line of each, by how it measures
@@ -202,14 +202,14 @@ _ALONG_SLICES = (
         reconstruct,
     ),
     (
-        "improved",
+        "along-highlights",
         "adaptive slices, all kinds, interpolated along highlights (5.7 in 4-D)",
         "all",
         reconstruct_along_highlights,
     ),
     (
-        "improved_axial_diagonal",
-        "as improved, axial and diagonal slices only",
+        "along_highlights_axial_diagonal",
+        "as along-highlights, axial and diagonal slices only",
         "axial_diagonal",
         reconstruct_along_highlights,
     ),
@@ -222,14 +222,14 @@ _ON_UNIFORM_SCHEMES = {
     "rbf_local_log": "as rbf_local, of the logarithms of the values",
 }
 _ON_GANTRIES = {
-    "a": "gantry slices, radial basis functions between elevations (6.1, A)",
+    "a": "gantry slices, radial basis functions between polar angles (6.1, A)",
     "b": "gantry slices, linear along a Lafortune model (6.1, B)",
     "bd": "gantry slices, displacement interpolation (6.1, BD)",
 }
 _ALL = (
     *(
-        Method(name, about, partial(_slices, slice_types, rebuild), least_samples=55)
-        for name, about, slice_types, rebuild in _ALONG_SLICES
+        Method(name, about, partial(_slices, slice_types, reconstruct), least_samples=55)
+        for name, about, slice_types, reconstruct in _ALONG_SLICES
     ),
     *(
         Method(name, about, partial(_on_scheme, name, _uniform), least_samples=435)

@@ -32,7 +32,7 @@ def test_corners_of_one_sample_are_the_same_physical_pair():
     corners, angles = placement.corner_samples(), placement.corner_angles()
     half = placement.azimuth_step / 2
     for i, v, j, k in itertools.product(*map(range, corners.shape)):
-        theta = placement.elevations[[i, v]]
+        theta = placement.thetas[[i, v]]
         wi, wv = to_vector(theta, np.array([(k - j) * half, (k + j) * half]))
         stored = angles[corners[i, v, j, k]]
         si, sv = to_vector(stored[:2], stored[2:])
@@ -58,7 +58,7 @@ def test_knots_lie_where_the_slice_says(types):
 def test_table_5_1_is_followed():
     for largest, e_s, a_s in TABLE_5_1[:-1]:
         placement = optimal_placement(int(largest))
-        assert placement.elevation_step == pytest.approx(np.radians(e_s))
+        assert placement.theta_step == pytest.approx(np.radians(e_s))
         assert placement.azimuth_step == pytest.approx(np.radians(a_s))
     assert optimal_placement(10**6).azimuth_step == pytest.approx(np.radians(12))
     with pytest.raises(SimrigError, match="too few"):
@@ -70,8 +70,8 @@ def test_table_5_1_is_followed():
     [
         ((14, 35), "divide 360"),
         ((14, 360), "at least 2"),
-        ((0, 36), "elevation step"),
-        ((90, 36), "elevation step"),
+        ((0, 36), "polar angle step"),
+        ((90, 36), "polar angle step"),
         ((14, 36, 90), "theta_max"),
         ((14, 36, 91), "theta_max"),
         ((14, float("nan")), "divide 360"),

@@ -21,7 +21,7 @@ def test_lambert_gives_back_its_albedo_from_everywhere() -> None:
 def test_the_nodes_are_enough_for_every_built_in_material(name: str) -> None:
     material = kurt_material(name)
     theta_v = np.radians(80.0)
-    finer = directional_albedo(material, theta_v, 0.3, elevations=512, azimuths=1024)
+    finer = directional_albedo(material, theta_v, 0.3, thetas=512, azimuths=1024)
     np.testing.assert_allclose(directional_albedo(material, theta_v, 0.3), finer, rtol=3e-3)
 
 

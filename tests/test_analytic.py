@@ -1,4 +1,4 @@
-"""Analytic reflectances against independent formulas, and their physics."""
+"""Analytic BRDFs against independent formulas, and their physics."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ materials = pytest.mark.parametrize("name", KURT_MATERIALS + RESCALED_MATERIALS)
 variants = pytest.mark.parametrize("variant", Ward.VARIANTS)
 
 
-def _evaluate(reflectance, wi, wv, precision: str) -> np.ndarray:
+def _evaluate(brdf, wi, wv, precision: str) -> np.ndarray:
     number = None if precision == "numpy" else backend.types(precision).Float
-    return evaluate(reflectance, wi, wv, number)
+    return evaluate(brdf, wi, wv, number)
 
 
 def _directions(rng: np.random.Generator, count: int, up_to_deg: float = 80.0) -> np.ndarray:
@@ -216,11 +216,11 @@ def test_beckmann_of_kurt_is_normalised():
         assert total == pytest.approx(1.0, abs=1e-9), (m_x, m_y)
 
 
-def _albedo(reflectance, theta_deg: float) -> np.ndarray:
-    return directional_albedo(reflectance, np.radians(theta_deg), elevations=128, azimuths=256)
+def _albedo(brdf, theta_deg: float) -> np.ndarray:
+    return directional_albedo(brdf, np.radians(theta_deg), thetas=128, azimuths=256)
 
 
-REFLECTANCES = [
+BRDFS = [
     Lambert(),
     *map(kurt_material, KURT_MATERIALS + RESCALED_MATERIALS),
     *(Ward(m_x=0.05, m_y=0.5, variant=variant, name=variant) for variant in Ward.VARIANTS),
@@ -228,30 +228,30 @@ REFLECTANCES = [
 
 
 @precisions
-@pytest.mark.parametrize("reflectance", REFLECTANCES, ids=lambda r: r.name)
-def test_reciprocity(reflectance, precision):
-    assert reflectance.reciprocal
+@pytest.mark.parametrize("brdf", BRDFS, ids=lambda r: r.name)
+def test_reciprocity(brdf, precision):
+    assert brdf.reciprocal
     wi = np.concatenate([case.wi for case in hard_cases(32)])
     wv = np.concatenate([case.wv for case in hard_cases(32)])
-    one = _evaluate(reflectance, wi, wv, precision)
-    assert np.array_equal(one, _evaluate(reflectance, wv, wi, precision))
+    one = _evaluate(brdf, wi, wv, precision)
+    assert np.array_equal(one, _evaluate(brdf, wv, wi, precision))
 
 
-@pytest.mark.parametrize("reflectance", REFLECTANCES, ids=lambda r: r.name)
-def test_turning_by_half_changes_nothing(reflectance):
+@pytest.mark.parametrize("brdf", BRDFS, ids=lambda r: r.name)
+def test_turning_by_half_changes_nothing(brdf):
     """The models are symmetric about both of their axes, hence under a turn by 180°."""
     case = hard_case("random")
     turned = [-1.0, -1.0, 1.0]
-    expected = evaluate(reflectance, case.wi, case.wv)
-    assert np.array_equal(evaluate(reflectance, case.wi * turned, case.wv * turned), expected)
+    expected = evaluate(brdf, case.wi, case.wv)
+    assert np.array_equal(evaluate(brdf, case.wi * turned, case.wv * turned), expected)
 
 
 @precisions
 def test_below_the_horizon_is_black(precision):
     up, level, down = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.6, 0.0, -0.8]
     wi, wv = np.array([up, level, up, down, down]), np.array([level, up, down, up, down])
-    for reflectance in REFLECTANCES:
-        assert np.array_equal(_evaluate(reflectance, wi, wv, precision), np.zeros((5, 3)))
+    for brdf in BRDFS:
+        assert np.array_equal(_evaluate(brdf, wi, wv, precision), np.zeros((5, 3)))
 
 
 def test_albedo_of_lambert_is_its_parameter():

@@ -16,39 +16,41 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("simrig", "plugins", "scenes", "evaluation")
 
-FOUNDATION = {"errors", "arrays", "colour", "cost", "backend", "effects"}
-STRUCTURES = FOUNDATION | {"mesostructure"}
-KINDS = FOUNDATION | {"directions", "reflectance"}
-METHODS = KINDS | {"data", "sampling", "reconstruction"}
-RIGS = METHODS | STRUCTURES | {"plugins", "scenes"}
-EVERYTHING = RIGS | {"perception", "rigs", "evaluation", "doctor"}
+MATERIALS = {"core", "directions", "brdf", "btf"}
+STRUCTURES = {"core", "mesostructure"}
+RECORDINGS = MATERIALS | {"files", "plans", "instruments"}
+RECONSTRUCTION = RECORDINGS | {"reconstruction"}
+RIGS = RECONSTRUCTION | STRUCTURES | {"plugins", "scenes"}
+PICTURES = RIGS | {"rigs", "rendering", "planning", "perception", "methods"}
+EVERYTHING = PICTURES | {"viewing", "evaluation", "doctor"}
 
 # room: the rooms that it may import (docs/architecture.md says the same in words)
 MAY_IMPORT = {
-    "errors": set(),
-    "effects": {"errors"},
-    "cost": set(),
-    "colour": set(),
-    "arrays": {"errors"},
-    "backend": {"errors"},
-    "directions": FOUNDATION,
-    "reflectance": FOUNDATION | {"directions"},
-    "data": KINDS,
-    "sampling": KINDS,
-    "reconstruction": KINDS | {"sampling"},
-    "perception": {"errors"},
-    "plugins": KINDS,
-    "mesostructure": {"errors"},
+    "core": set(),
+    "directions": {"core"},
+    "brdf": {"core", "directions"},
+    "btf": {"core", "directions", "brdf"},
+    "files": MATERIALS,
+    "instruments": {"core", "files"},
+    "mesostructure": {"core"},
+    "plans": MATERIALS,
+    "reconstruction": MATERIALS | {"plans"},
+    "plugins": MATERIALS,
     "scenes": STRUCTURES,
     "rigs": RIGS,
+    "methods": RIGS | {"rigs"},
+    "perception": {"core"},
+    "rendering": MATERIALS | {"files", "plugins", "scenes"},
+    "planning": MATERIALS | {"files", "plugins", "scenes", "rendering"},
+    "viewing": PICTURES,
     "evaluation": EVERYTHING,
     "doctor": EVERYTHING,
     "cli": EVERYTHING,
 }
 # arrows against the flow; allowed inside a function only, never while a module is loaded
 LAZILY = {
-    ("backend", "plugins"): "a variant is not ready before our plugins are registered in it",
-    ("plugins", "data"): "a plugin's 'filename' may be of any format that we read",
+    ("core", "plugins"): "a variant is not ready before our plugins are registered in it",
+    ("plugins", "files"): "a plugin's 'filename' may be of any format that we read",
 }
 
 TOP_LEVEL = {
@@ -134,11 +136,11 @@ def test_rooms_import_only_what_the_plan_allows() -> None:
 @pytest.mark.parametrize(
     ("file", "text"),
     [
-        ("simrig/sampling/a.py", "from simrig.rigs import gonioreflectometer"),
-        ("simrig/reflectance/a.py", "import simrig.files.load"),
+        ("simrig/plans/a.py", "from simrig.rigs.direct import gonioreflectometer"),
+        ("simrig/brdf/a.py", "import simrig.files.load"),
         ("simrig/reconstruction/a.py", "def f():\n    from simrig import evaluation"),
         ("simrig/core/backend.py", "from simrig.plugins.register import register"),
-        ("simrig/nowhere/a.py", "from simrig import errors"),
+        ("simrig/nowhere/a.py", "from simrig.core import errors"),
         ("evaluation/a.py", "from simrig.cli import frame"),
         ("scenes/a.py", "if True:\n    from simrig.plugins import make_bsdf"),
     ],
@@ -171,14 +173,17 @@ def test_the_top_level_holds_only_what_was_given() -> None:
     assert {name.split("/")[0] for name in listed} == TOP_LEVEL
 
 
-def module_names() -> list[str]:
+def all_module_names() -> list[str]:
     names = []
     for path in source_files():
         first, *rest = path.relative_to(ROOT).with_suffix("").parts
         parts = ("simrig", *rest) if first == "simrig" else ("simrig", first, *rest)
-        if parts[-1] != "__main__":
-            names.append(".".join(parts).removesuffix(".__init__"))
+        names.append(".".join(parts).removesuffix(".__init__"))
     return names
+
+
+def module_names() -> list[str]:
+    return [name for name in all_module_names() if not name.endswith("__main__")]
 
 
 def undocumented(module: ModuleType) -> Iterator[str]:
@@ -198,3 +203,59 @@ def test_everything_public_is_documented(name: str) -> None:
     module = importlib.import_module(name)
     assert module.__doc__
     assert list(undocumented(module)) == []
+
+
+def loaded_with(path: Path, names: set[str]) -> set[str]:
+    """Return the modules that a module imports while it is loaded."""
+    found = set()
+    for node, lazy in statements(ast.parse(path.read_text())):
+        if lazy:
+            continue
+        if isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+        else:
+            module = node.module or ""
+            own = {f"{module}.{name.name}" for name in node.names} & names
+            found |= own if len(own) == len(node.names) else own | {module}
+    return found & names
+
+
+def statements(
+    node: ast.AST, lazy: bool = False
+) -> Iterator[tuple[ast.Import | ast.ImportFrom, bool]]:
+    """Yield the import statements below a node, and whether each stands inside a function."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import | ast.ImportFrom):
+            yield child, lazy
+        function = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        yield from statements(child, lazy or function or only_for_types(child))
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Return one circle of imports for each module that leads back to itself."""
+    found: list[list[str]] = []
+    done: set[str] = set()
+
+    def visit(name: str, above: list[str]) -> None:
+        if name in above:
+            found.append([*above[above.index(name) :], name])
+        elif name not in done:
+            for other in sorted(graph[name]):
+                visit(other, [*above, name])
+            done.add(name)
+
+    for name in sorted(graph):
+        visit(name, [])
+    return found
+
+
+def test_there_is_no_circle_of_imports() -> None:
+    graph: dict[str, set[str]] = {}
+    by_name = dict(zip(all_module_names(), source_files(), strict=True))
+    for name, path in by_name.items():
+        graph[name] = loaded_with(path, set(by_name)) - {name}
+    assert circles(graph) == []
+
+
+def test_a_planted_circle_is_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == [["b", "c", "b"]]

@@ -18,7 +18,7 @@ NO_LLVM = Path("/nonexistent/libLLVM.so")
 
 # asks for a backend, reports the refusal, and would die of an abort if a kernel were compiled
 ASK = """
-from simrig import backend
+from simrig.core import backend
 from simrig.core.errors import SimrigError
 try:
     {call}

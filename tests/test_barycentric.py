@@ -1,4 +1,4 @@
-"""Barycentric reflectances: nodes, edges, the normal, wraps, precision, storage, rendering."""
+"""Barycentric BRDFs: nodes, edges, the normal, wraps, precision, storage, rendering."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 
 from simrig.brdf import evaluate, kurt_material
-from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.packed import RELATIVE_ERROR
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
-from simrig.files.hdf5 import read_reflectance, write_reflectance
+from simrig.files.hdf5 import read_brdf, write_brdf
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -23,11 +23,11 @@ SCHEMES = ("uniform_1", "uniform_14", "hemisphere_151", "uniform_30")
 
 
 def made(name: str = "uniform_3", seed: int = 1, dtype: type = np.float64):
-    """A reflectance of random values that is not reciprocal, on a scheme's directions."""
+    """A BRDF of random values that is not reciprocal, on a scheme's directions."""
     directions = scheme(name)
     rng = np.random.default_rng(seed)
     values = rng.uniform(0.1, 2.0, (len(directions), len(directions), 3)).astype(dtype)
-    return BarycentricReflectance(directions.theta, directions.phi, values)
+    return BarycentricBrdf(directions.theta, directions.phi, values)
 
 
 def random_directions(rng, count, theta_max=np.pi / 2):
@@ -36,11 +36,11 @@ def random_directions(rng, count, theta_max=np.pi / 2):
 
 @pytest.mark.parametrize("name", SCHEMES)
 def test_exact_at_measured_pairs(name, rng):
-    reflectance = made(name)
-    nodes = to_vector(reflectance.theta, reflectance.phi)
+    brdf = made(name)
+    nodes = to_vector(brdf.theta, brdf.phi)
     i, v = rng.integers(0, len(nodes), (2, 500))
-    found = evaluate(reflectance, nodes[i], nodes[v])
-    np.testing.assert_allclose(found, reflectance.values[i, v], rtol=1e-10)
+    found = evaluate(brdf, nodes[i], nodes[v])
+    np.testing.assert_allclose(found, brdf.values[i, v], rtol=1e-10)
 
 
 def test_agrees_with_scipy_inside_the_triangles(rng):
@@ -54,8 +54,8 @@ def test_agrees_with_scipy_inside_the_triangles(rng):
     nodes = directions.vectors()
     values = rng.uniform(0.1, 1.0, (len(nodes), len(nodes), 3))
     values[:] = values[:, :1]  # depends on the illumination only
-    reflectance = BarycentricReflectance(directions.theta, directions.phi, values)
-    corners = reflectance.triangulation.triangles
+    brdf = BarycentricBrdf(directions.theta, directions.phi, values)
+    corners = brdf.triangulation.triangles
     distinct = corners[[len(set(row)) == 3 for row in corners.tolist()]]
     weights = rng.dirichlet(np.ones(3), (len(distinct), 5))
     for triangle, own in zip(distinct, weights, strict=True):
@@ -67,16 +67,16 @@ def test_agrees_with_scipy_inside_the_triangles(rng):
         expected = flat[:, :3] / flat[:, 3:]
         ray = np.column_stack([points, np.ones(5)])
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        found = evaluate(reflectance, ray, np.broadcast_to([0.0, 0.0, 1.0], ray.shape))
+        found = evaluate(brdf, ray, np.broadcast_to([0.0, 0.0, 1.0], ray.shape))
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", SCHEMES)
 def test_continuous_everywhere(name, rng):
     """A small step changes the value by no more than the steepest facet allows."""
-    reflectance = made(name)
-    nodes = to_vector(reflectance.theta, reflectance.phi)
-    corners = reflectance.triangulation.triangles
+    brdf = made(name)
+    nodes = to_vector(brdf.theta, brdf.phi)
+    corners = brdf.triangulation.triangles
     edge = nodes[corners[:, 0]] + nodes[corners[:, 1]]
     edge = edge[np.linalg.norm(edge, axis=1) > 1e-3]
     edge /= np.linalg.norm(edge, axis=1, keepdims=True)
@@ -88,123 +88,121 @@ def test_continuous_everywhere(name, rng):
     beside = wi + step
     beside /= np.linalg.norm(beside, axis=1, keepdims=True)
     keep = (wi[:, 2] > 1e-3) & (beside[:, 2] > 1e-3)
-    change = evaluate(reflectance, wi, wv) - evaluate(reflectance, beside, wv)
+    change = evaluate(brdf, wi, wv) - evaluate(brdf, beside, wv)
     assert np.abs(change[keep]).max() < 2e-4  # facets 6 degrees wide and values up to 2
 
 
 def test_held_beyond_the_outermost_directions(rng):
-    reflectance = made("uniform_14")
-    outermost = np.isclose(reflectance.theta, reflectance.theta.max())
-    phi = reflectance.phi[outermost]
+    brdf = made("uniform_14")
+    outermost = np.isclose(brdf.theta, brdf.theta.max())
+    phi = brdf.phi[outermost]
     wv = random_directions(rng, len(phi), 1.3)
-    at_rim = evaluate(reflectance, to_vector(np.full(len(phi), np.radians(80.0)), phi), wv)
+    at_rim = evaluate(brdf, to_vector(np.full(len(phi), np.radians(80.0)), phi), wv)
     for theta_deg in (82.0, 86.0, 89.9):
         beyond = to_vector(np.full(len(phi), np.radians(theta_deg)), phi)
-        np.testing.assert_allclose(evaluate(reflectance, beyond, wv), at_rim, rtol=1e-9)
-    everywhere = evaluate(reflectance, random_directions(rng, 5000), random_directions(rng, 5000))
-    assert everywhere.min() >= 0.0 and everywhere.max() <= reflectance.values.max()
+        np.testing.assert_allclose(evaluate(brdf, beyond, wv), at_rim, rtol=1e-9)
+    everywhere = evaluate(brdf, random_directions(rng, 5000), random_directions(rng, 5000))
+    assert everywhere.min() >= 0.0 and everywhere.max() <= brdf.values.max()
 
 
 def test_one_value_at_the_normal(rng):
-    reflectance = made("uniform_14")
+    brdf = made("uniform_14")
     wv = random_directions(rng, 50, 1.3)
     up = np.broadcast_to([0.0, 0.0, 1.0], wv.shape)
     close = to_vector(np.full(50, 1e-9), rng.uniform(0.0, 6.28, 50))
-    at_normal, beside = evaluate(reflectance, up, wv), evaluate(reflectance, close, wv)
+    at_normal, beside = evaluate(brdf, up, wv), evaluate(brdf, close, wv)
     np.testing.assert_allclose(at_normal, beside, rtol=1e-7)
 
 
 @pytest.mark.parametrize(("precision", "tolerance"), [("float32", 3e-5), ("float64", 1e-11)])
 def test_every_number_type_agrees(precision, tolerance, rng):
-    reflectance = made("hemisphere_151")
-    nodes = to_vector(reflectance.theta, reflectance.phi)
+    brdf = made("hemisphere_151")
+    nodes = to_vector(brdf.theta, brdf.phi)
     wi = np.concatenate([random_directions(rng, 5000, 1.55), nodes])
     wv = np.concatenate([random_directions(rng, 5000, 1.55), nodes[::-1]])
-    expected = evaluate(reflectance, wi, wv)
-    found = evaluate(reflectance, wi, wv, backend.types(precision).Float)
+    expected = evaluate(brdf, wi, wv)
+    found = evaluate(brdf, wi, wv, backend.types(precision).Float)
     np.testing.assert_allclose(found, expected, atol=tolerance * expected.max())
 
 
 def test_plain_floats_agree():
     import drjit.scalar
 
-    reflectance = made()
+    brdf = made()
     wi, wv = (to_vector(*np.array(angles)) for angles in ((0.7, 1.0), (1.2, 6.2)))
     make = drjit.scalar.Array3f64
-    found = reflectance.eval(make(*wi.tolist()), make(*wv.tolist()))
-    np.testing.assert_allclose(list(found), evaluate(reflectance, wi, wv), rtol=1e-12)
+    found = brdf.eval(make(*wi.tolist()), make(*wv.tolist()))
+    np.testing.assert_allclose(list(found), evaluate(brdf, wi, wv), rtol=1e-12)
 
 
 def test_packed_values_differ_by_their_rounding_only(rng):
-    reflectance = made(dtype=np.float32)
+    brdf = made(dtype=np.float32)
     types = backend.types("float32")
     wi, wv = (random_directions(rng, 2000, 1.5) for _ in range(2))
     pair = [types.Array3(*w.T.copy()) for w in (wi, wv)]
-    packed = reflectance.prepare(reflectance.on(types.Float), differentiable=False)
-    plain = np.array(reflectance.eval(*pair))
-    found = np.array(reflectance.eval(*pair, packed))
+    packed = brdf.prepare(brdf.on(types.Float), differentiable=False)
+    plain = np.array(brdf.eval(*pair))
+    found = np.array(brdf.eval(*pair, packed))
     np.testing.assert_allclose(found, plain, rtol=1.01 * RELATIVE_ERROR + 1e-6)
 
 
 def test_directions_that_are_not_finite_are_black():
-    reflectance = made()
+    brdf = made()
     broken = np.array([[np.nan, 0.0, 1.0], [0.0, np.nan, np.nan], [0.0, 0.0, -1.0]])
     up = np.broadcast_to([0.0, 0.0, 1.0], broken.shape)
-    below = evaluate(reflectance, up[2:], broken[2:])
+    below = evaluate(brdf, up[2:], broken[2:])
     assert np.all(below == 0.0)
     for kind in (None, backend.types("float32").Float):
-        evaluate(reflectance, broken, up, kind)  # no index leaves its table
+        evaluate(brdf, broken, up, kind)  # no index leaves its table
 
 
 def test_the_order_is_illumination_then_view():
-    reflectance = made()
-    nodes = to_vector(reflectance.theta, reflectance.phi)
-    assert not reflectance.reciprocal
-    np.testing.assert_allclose(
-        evaluate(reflectance, nodes[3], nodes[9]), reflectance.values[3, 9], rtol=1e-10
-    )
+    brdf = made()
+    nodes = to_vector(brdf.theta, brdf.phi)
+    assert not brdf.reciprocal
+    np.testing.assert_allclose(evaluate(brdf, nodes[3], nodes[9]), brdf.values[3, 9], rtol=1e-10)
 
 
 def test_reciprocal_measurements_stay_reciprocal(rng):
     measurement = Gonioreflectometer().measure_scheme(
         kurt_material("fabric135"), scheme("uniform_9")
     )
-    reflectance = reconstruct_barycentric(measurement)
+    brdf = reconstruct_barycentric(measurement)
     wi, wv = (random_directions(rng, 1000) for _ in range(2))
-    assert reflectance.reciprocal
-    there, back = evaluate(reflectance, wi, wv), evaluate(reflectance, wv, wi)
+    assert brdf.reciprocal
+    there, back = evaluate(brdf, wi, wv), evaluate(brdf, wv, wi)
     np.testing.assert_allclose(there, back, rtol=1e-9)
 
 
 def test_the_whole_array_equals_the_look_ups(rng):
-    reflectance = made("uniform_3", dtype=np.float32)
-    table = reflectance.to_dense(10.0)
+    brdf = made("uniform_3", dtype=np.float32)
+    table = brdf.to_dense(10.0)
     assert table.shape == (9, 9, 36, 36, 3)
     a, b = rng.integers(0, 9, (2, 1000))
     p, q = rng.integers(0, 36, (2, 1000))
     step = np.radians(10.0)
-    found = evaluate(reflectance, to_vector(a * step, p * step), to_vector(b * step, q * step))
+    found = evaluate(brdf, to_vector(a * step, p * step), to_vector(b * step, q * step))
     np.testing.assert_allclose(table[a, b, p, q], found, rtol=1e-4)
     with pytest.raises(SimrigError, match="does not divide"):
-        reflectance.to_dense(7.0)
+        brdf.to_dense(7.0)
 
 
 def test_stored_and_read_again(tmp_path, rng):
-    reflectance = made(dtype=np.float32)
-    write_reflectance(tmp_path / "b.h5", reflectance)
-    again = read_reflectance(tmp_path / "b.h5")
+    brdf = made(dtype=np.float32)
+    write_brdf(tmp_path / "b.h5", brdf)
+    again = read_brdf(tmp_path / "b.h5")
     wi, wv = (random_directions(rng, 300) for _ in range(2))
-    assert isinstance(again, BarycentricReflectance)
-    np.testing.assert_array_equal(evaluate(again, wi, wv), evaluate(reflectance, wi, wv))
+    assert isinstance(again, BarycentricBrdf)
+    np.testing.assert_array_equal(evaluate(again, wi, wv), evaluate(brdf, wi, wv))
 
 
 def test_derivatives_reach_the_values(rng):
-    reflectance = made(dtype=np.float32)
+    brdf = made(dtype=np.float32)
     types = backend.types("float32")
-    values = types.Float(reflectance.values.ravel())
+    values = types.Float(brdf.values.ravel())
     dr.enable_grad(values)
     wi, wv = (types.Array3(*random_directions(rng, 100, 1.3).T.copy()) for _ in range(2))
-    colour = reflectance.eval(wi, wv, reflectance.prepare({"values": values}))
+    colour = brdf.eval(wi, wv, brdf.prepare({"values": values}))
     dr.backward(dr.sum(colour.x + colour.y + colour.z))
     assert float(dr.sum(dr.grad(values))[0]) == pytest.approx(300.0, rel=1e-5)
 
@@ -220,7 +218,7 @@ def test_derivatives_reach_the_values(rng):
 def test_directions_without_a_triangulation_are_refused(theta, phi, said):
     count = len(theta)
     with pytest.raises(SimrigError, match=said):
-        BarycentricReflectance(np.array(theta), np.array(phi), np.ones((count, count, 3)))
+        BarycentricBrdf(np.array(theta), np.array(phi), np.ones((count, count, 3)))
 
 
 def test_values_that_cannot_be_are_refused():
@@ -228,20 +226,20 @@ def test_values_that_cannot_be_are_refused():
     values = np.ones((29, 29, 3))
     values[1, 2, 0] = -1.0
     with pytest.raises(SimrigError, match="negative"):
-        BarycentricReflectance(directions.theta, directions.phi, values)
+        BarycentricBrdf(directions.theta, directions.phi, values)
     with pytest.raises(SimrigError, match="all their pairs"):
-        BarycentricReflectance(directions.theta, directions.phi, np.ones((29, 28, 3)))
+        BarycentricBrdf(directions.theta, directions.phi, np.ones((29, 28, 3)))
 
 
 def test_renders_the_same_as_it_evaluates(variant_llvm, rng):
     """The plugin gives f_r·cos; its samples' weights average to the albedo of the look-ups."""
     import mitsuba as mi
 
-    reflectance = made(dtype=np.float32)
-    bsdf = make_bsdf(reflectance)
+    brdf = made(dtype=np.float32)
+    bsdf = make_bsdf(brdf)
     wi, wv = (random_directions(rng, 500, 1.5) for _ in range(2))
     interaction = dr.zeros(mi.SurfaceInteraction3f, 500)
     interaction.wi = mi.Vector3f(*wv.astype(np.float32).T.copy())
     value = bsdf.eval(mi.BSDFContext(), interaction, mi.Vector3f(*wi.astype(np.float32).T.copy()))
-    expected = evaluate(reflectance, wi, wv) * wi[:, 2:]
+    expected = evaluate(brdf, wi, wv) * wi[:, 2:]
     np.testing.assert_allclose(np.array(value).T, expected, rtol=2e-4, atol=1e-4)

@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 
-from simrig.brdf import Lambert, Reflectance, evaluate, kurt_material
+from simrig.brdf import Brdf, Lambert, evaluate, kurt_material
 from simrig.core.arrays import components, vector
 from simrig.core.errors import SimrigError
 from simrig.directions import to_angles, to_vector, wrap_angle
@@ -16,11 +16,11 @@ from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.brdf.figure import SLICE_COLOURS, brdf_figure, sample_positions
 from simrig.viewing.brdf.picture import all_subspaces_picture, brdf_exposure, brdf_picture
 
-ELEVATIONS = (15.0, 40.0, 70.0)
+THETAS = (15.0, 40.0, 70.0)
 STEP = 30.0
 
 
-class Angles(Reflectance):
+class Angles(Brdf):
     """Answers the angles themselves: red theta_i, green theta_v, blue phi_i + 10·phi_v."""
 
     name = "angles"
@@ -42,28 +42,28 @@ def _expected(theta_i, theta_v, phi_i, phi_v):
 
 @pytest.mark.parametrize("i, v, p, q", [(0, 0, 0, 0), (0, 2, 1, 7), (2, 1, 11, 3), (1, 2, 5, 10)])
 def test_where_each_direction_is(i, v, p, q):
-    picture = brdf_picture(Angles(), ELEVATIONS, STEP)
+    picture = brdf_picture(Angles(), THETAS, STEP)
     assert picture.shape == (36, 36, 3) and picture.dtype == np.float32
-    expected = _expected(ELEVATIONS[i], ELEVATIONS[v], p * STEP, q * STEP)
+    expected = _expected(THETAS[i], THETAS[v], p * STEP, q * STEP)
     np.testing.assert_allclose(picture[i * 12 + p, v * 12 + q], expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("i, v, p, q", [(0, 2, 1, 7), (2, 1, 11, 3), (1, 0, 5, 10)])
 def test_where_each_direction_is_in_all_quarters(i, v, p, q):
-    picture = all_subspaces_picture(Angles(), ELEVATIONS, STEP)
+    picture = all_subspaces_picture(Angles(), THETAS, STEP)
     assert picture.shape == (72, 72, 3)
-    expected = _expected(ELEVATIONS[i], ELEVATIONS[v], p * STEP, q * STEP)
+    expected = _expected(THETAS[i], THETAS[v], p * STEP, q * STEP)
     azimuthal = picture[i * 12 + p, v * 12 + q]
     field = picture[v * 12 + p, 36 + q * 3 + i]
     mixed = picture[36 + p * 3 + i, v * 12 + q]
-    elevations = picture[36 + p * 3 + i, 36 + q * 3 + v]
-    for found in (azimuthal, field, mixed, elevations):
+    thetas = picture[36 + p * 3 + i, 36 + q * 3 + v]
+    for found in (azimuthal, field, mixed, thetas):
         np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_reciprocity_is_symmetry_about_the_diagonal():
     for make in (brdf_picture, all_subspaces_picture):
-        picture = make(kurt_material("fabric112"), ELEVATIONS, 15.0)
+        picture = make(kurt_material("fabric112"), THETAS, 15.0)
         if make is all_subspaces_picture:  # top left and bottom right quarters
             half = len(picture) // 2
             quarters = picture[:half, :half], picture[half:, half:]
@@ -95,7 +95,7 @@ def test_the_exposure_shows_the_brightest_as_white():
 
 
 @pytest.mark.parametrize(
-    "elevations, step, message",
+    "thetas, step, message",
     [
         ((10.0, 90.0), 30.0, "must increase within"),
         ((20.0, 10.0), 30.0, "must increase within"),
@@ -106,9 +106,9 @@ def test_the_exposure_shows_the_brightest_as_white():
         ((10.0,), 0.0, "must divide 360"),
     ],
 )
-def test_wrong_grids(elevations, step, message):
+def test_wrong_grids(thetas, step, message):
     with pytest.raises(SimrigError, match=message):
-        brdf_picture(Lambert(), elevations, step)
+        brdf_picture(Lambert(), thetas, step)
 
 
 def _pixels(png: bytes) -> np.ndarray:
@@ -152,19 +152,19 @@ def measurement():
 
 
 def test_samples_lie_where_the_picture_has_their_value(measurement):
-    elevations = measurement.placement.elevations
-    columns, rows, inside = sample_positions(measurement, elevations)
+    thetas = measurement.placement.thetas
+    columns, rows, inside = sample_positions(measurement, thetas)
     assert inside.any() and not inside.all()
     (fraction_i, tile_i), (fraction_v, tile_v) = np.modf(rows[inside]), np.modf(columns[inside])
-    wi = to_vector(elevations[tile_i.astype(int)], 2.0 * np.pi * fraction_i)
-    wv = to_vector(elevations[tile_v.astype(int)], 2.0 * np.pi * fraction_v)
+    wi = to_vector(thetas[tile_i.astype(int)], 2.0 * np.pi * fraction_i)
+    wv = to_vector(thetas[tile_v.astype(int)], 2.0 * np.pi * fraction_v)
     value = evaluate(kurt_material("yellow_satin"), wi, wv)
     np.testing.assert_allclose(value, measurement.values[inside], rtol=1e-6)
-    # a sample between two elevations lies between their tiles
+    # a sample between two polar angles lies between their tiles
     between = (columns - wrap_angle(measurement.phi_v) / (2.0 * np.pi))[~inside]
     lower, upper = (
-        elevations[np.floor(between).astype(int)],
-        elevations[np.ceil(between).astype(int)],
+        thetas[np.floor(between).astype(int)],
+        thetas[np.ceil(between).astype(int)],
     )
     theta_v = measurement.theta_v[~inside]
     assert ((lower < theta_v) & (theta_v < upper)).all()
@@ -175,7 +175,7 @@ def test_figure_shows_the_samples_of_a_measurement(measurement):
     options = {"azimuth_step_deg": 12.0, "exposure": 1.0}  # dark, so that white dots stand out
     with_samples = _pixels(brdf_figure(material, measurement=measurement, **options))
     without = _pixels(brdf_figure(material, placement=placement, **options))
-    _, _, inside = sample_positions(measurement, placement.elevations)
+    _, _, inside = sample_positions(measurement, placement.thetas)
     inner = (slice(200, -200), slice(200, -200))  # no legend, labels or margins
     more = _coloured(with_samples[inner], "#ffffff") - _coloured(without[inner], "#ffffff")
     assert more > inside.sum() / 2  # some lie under the margin or each other

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from simrig.brdf.protocol import evaluate
 from simrig.brdf.tables.packed import RELATIVE_ERROR
 from simrig.btf.full import FullBtf
-from simrig.btf.mipmap import Footprint, Pyramid, box_average
+from simrig.btf.mipmap import Footprint, Mipmap, box_average
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
 from simrig.core import backend
@@ -81,16 +81,16 @@ def test_an_abrdf_is_what_is_looked_up_there(stack: BtfStack, btf: FullBtf, rng)
 
 @given(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0))
 def test_the_tile_repeats_without_a_seam(x: float, y: float) -> None:
-    pyramid = Pyramid((5, 7), (7.0, 5.0))
+    mipmap = Mipmap((5, 7), (7.0, 5.0))
     image = np.random.default_rng(3).random((5, 7, 1)).repeat(3, axis=2)
-    levels = [box_average(image[None], shape)[0].reshape(-1, 3) for shape in pyramid.shapes]
+    levels = [box_average(image[None], shape)[0].reshape(-1, 3) for shape in mipmap.shapes]
     table = np.concatenate(levels)
-    tables = pyramid.tables(np.ndarray)
+    tables = mipmap.tables(np.ndarray)
 
     def value(x: float, y: float) -> float:
         footprint = Footprint(*(np.array([v]) for v in (x, y, 1.7, 0.3, 2.9)))
         look_up = lambda texel: table[texel.start + texel.index]  # noqa: E731
-        return pyramid.average(footprint, tables, look_up)[0, 0]
+        return mipmap.average(footprint, tables, look_up)[0, 0]
 
     assert value(x, y) == pytest.approx(value(x + 7.0, y - 10.0), abs=1e-9)
     assert value(x, y) == pytest.approx(value(x + 1e-7, y + 1e-7), abs=1e-5)
@@ -99,7 +99,7 @@ def test_the_tile_repeats_without_a_seam(x: float, y: float) -> None:
 @pytest.mark.parametrize("resolution", [(1, 1), (1, 9), (5, 3), (16, 16), (13, 27)])
 def test_every_level_keeps_the_mean(resolution, rng) -> None:
     images = rng.random((2, *resolution, 3))
-    for shape in Pyramid(resolution, (1.0, 1.0)).shapes:
+    for shape in Mipmap(resolution, (1.0, 1.0)).shapes:
         coarse = box_average(images, shape)
         assert coarse.shape == (2, *shape, 3)
         np.testing.assert_allclose(coarse.mean(axis=(1, 2)), images.mean(axis=(1, 2)), rtol=1e-12)
@@ -107,14 +107,14 @@ def test_every_level_keeps_the_mean(resolution, rng) -> None:
 
 def test_a_footprint_averages_what_it_covers(rng) -> None:
     """Probes along a grazing footprint see the mean of the texels under it."""
-    pyramid = Pyramid((4, 64), (64.0, 4.0), probes=8)
+    mipmap = Mipmap((4, 64), (64.0, 4.0), anisotropy=8)
     image = rng.random((4, 64, 3))
-    levels = [box_average(image[None], shape)[0].reshape(-1, 3) for shape in pyramid.shapes]
+    levels = [box_average(image[None], shape)[0].reshape(-1, 3) for shape in mipmap.shapes]
     table = np.concatenate(levels)
     x = np.array([20.0])
     footprint = Footprint(x, np.array([1.5]), np.ones(1), np.array([8.0]), np.zeros(1))
-    found = pyramid.average(
-        footprint, pyramid.tables(np.ndarray), lambda texel: table[texel.start + texel.index]
+    found = mipmap.average(
+        footprint, mipmap.tables(np.ndarray), lambda texel: table[texel.start + texel.index]
     )
     np.testing.assert_allclose(found[0], image[2, 16:24].mean(axis=0), rtol=1e-9)
 
@@ -206,7 +206,7 @@ def test_the_memory_budget_is_kept(stack: BtfStack) -> None:
         FullBtf.from_stack(stack, budget_bytes=full.device_bytes - 1)
     coarse = FullBtf.from_stack(stack, budget_bytes=full.device_bytes - 1, over_budget="coarsen")
     assert coarse.device_bytes < full.device_bytes
-    assert coarse.pyramid.shapes == full.pyramid.shapes[1:]
+    assert coarse.mipmap.shapes == full.mipmap.shapes[1:]
     wi, wv = stack.directions
     np.testing.assert_allclose(evaluate(coarse, wi, wv), evaluate(full, wi, wv), rtol=2.5e-4)
     with pytest.raises(SimrigError, match="even as a single texel"):

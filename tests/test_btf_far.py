@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simrig.brdf.protocol import evaluate
-from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.btf.full import FullBtf
 from simrig.btf.mipmap import Footprint, box_average
 from simrig.btf.stack import BtfStack
@@ -33,11 +33,11 @@ def exact() -> BtfStack:
 
 
 @pytest.fixture(scope="module")
-def brdf(exact: BtfStack) -> BarycentricReflectance:
+def brdf(exact: BtfStack) -> BarycentricBrdf:
     """The spatial mean, looked up by other code."""
     count = len(RINGS)
     means = exact.values.astype(np.float64).mean(axis=(1, 2)).reshape(count, count, 3)
-    return BarycentricReflectance(RINGS.theta, RINGS.phi, means)
+    return BarycentricBrdf(RINGS.theta, RINGS.phi, means)
 
 
 def grazing_pairs(rng: np.random.Generator, count: int = 500) -> tuple[np.ndarray, np.ndarray]:

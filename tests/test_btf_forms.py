@@ -8,8 +8,8 @@ import pytest
 from drjit.scalar import Array3f64
 
 from simrig.brdf.protocol import evaluate
-from simrig.brdf.tables.barycentric import BarycentricReflectance
-from simrig.brdf.tables.packed_bfloat16 import RELATIVE_ERROR, gather_eight, pack_eights
+from simrig.brdf.tables.barycentric import BarycentricBrdf
+from simrig.brdf.tables.packed_bfloat16 import RELATIVE_ERROR, gather_eight, pack_bfloat16
 from simrig.btf.factored import FactoredBtf
 from simrig.btf.full import FullBtf
 from simrig.btf.mipmap import Footprint
@@ -19,7 +19,7 @@ from simrig.btf.synthetic import bumps
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.files.hdf5 import read_reflectance, write_reflectance
+from simrig.files.hdf5 import read_brdf, write_brdf
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +32,14 @@ def factored(stack: BtfStack) -> FactoredBtf:
     return FactoredBtf.from_stack(stack, tolerance=0.05)
 
 
-def looks(rng: np.random.Generator, count: int = 400) -> tuple[np.ndarray, np.ndarray, Footprint]:
+def probes(rng: np.random.Generator, count: int = 400) -> tuple[np.ndarray, np.ndarray, Footprint]:
     theta, phi = np.arccos(rng.uniform(0.01, 1.0, (2, count))), rng.uniform(0.0, 7.0, (2, count))
     limits = ((-9, 9), (-9, 9), (0.05, 9), (-9, 9), (-9, 9))
     cone = [rng.uniform(*limit, count) for limit in limits]
     return to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1]), Footprint(*cone)
 
 
-def rebuilt(btf: FactoredBtf, resolution: tuple[int, int]) -> np.ndarray:
+def reconstructed(btf: FactoredBtf, resolution: tuple[int, int]) -> np.ndarray:
     """Return the images that factors stand for, (lights, views, H, W, 3)."""
     views, data = len(btf.grid.views), btf.data()
     mean = data["mean"].astype(np.float64).reshape(-1, views, 3)
@@ -67,7 +67,7 @@ def test_as_many_packets_as_the_tolerance_takes(stack, tolerance) -> None:
     bright = relative / relative.mean(axis=(2, 3), keepdims=True)
     weight = (mean * np.maximum(bright, 1e-3)) ** (-2.0 / 3.0)
     error = np.sqrt(
-        np.sum((weight * (images - rebuilt(btf, stack.resolution))) ** 2)
+        np.sum((weight * (images - reconstructed(btf, stack.resolution))) ** 2)
         / np.sum((weight * (images - mean)) ** 2)
     )
     assert error == pytest.approx(btf.error, rel=0.05)
@@ -95,7 +95,9 @@ def test_dark_values_keep_more_than_without_weights(stack, rng) -> None:
     own = 0.01 * (rng.random((841, 3)) @ rng.random((3, 8 * 12 * 3))).reshape(841, 8, 12, 3)
     images = np.where((np.arange(12) < 6)[:, None], own, stack.values)
     dim = BtfStack(images.astype(np.float32), stack.angles, stack.size_mm)
-    weighted = rebuilt(FactoredBtf.from_stack(dim, components=16, tolerance=0.001), dim.resolution)
+    weighted = reconstructed(
+        FactoredBtf.from_stack(dim, components=16, tolerance=0.001), dim.resolution
+    )
     found, truth = weighted[:, 10], by_view(dim)[:, 10]
     rows = truth.transpose(0, 3, 1, 2).reshape(3 * 29, -1)
     mean = rows.mean(axis=1, keepdims=True)
@@ -117,11 +119,11 @@ def test_the_average_of_the_factors_is_the_brdf_itself(stack, factored, rng) -> 
     np.testing.assert_allclose(found, stack.mean().values, rtol=1e-6)
 
 
-def test_the_average_is_the_barycentric_reflectance_of_the_means(stack, factored, rng) -> None:
+def test_the_average_is_the_barycentric_brdf_of_the_means(stack, factored, rng) -> None:
     mean = stack.mean()
     values = mean.values.reshape(29, 29, 3)
-    brdf = BarycentricReflectance(mean.theta_v[:29], mean.phi_v[:29], values)
-    wi, wv, _ = looks(rng)
+    brdf = BarycentricBrdf(mean.theta_v[:29], mean.phi_v[:29], values)
+    wi, wv, _ = probes(rng)
     expected = evaluate(brdf, wi, wv)
     np.testing.assert_allclose(evaluate(factored, wi, wv), expected, rtol=1e-5, atol=1e-8)
     full = FullBtf.from_stack(stack)
@@ -129,14 +131,14 @@ def test_the_average_is_the_barycentric_reflectance_of_the_means(stack, factored
 
 
 def test_filtering_and_factors_agree_with_the_full_form(stack, factored, rng) -> None:
-    wi, wv, footprint = looks(rng)
+    wi, wv, footprint = probes(rng)
     expected = FullBtf.from_stack(stack).eval_at(wi, wv, footprint)
     found = factored.eval_at(wi, wv, footprint)
     assert np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2)) < 0.02
 
 
 def test_every_type_agrees(factored, rng) -> None:
-    wi, wv, footprint = looks(rng)
+    wi, wv, footprint = probes(rng)
     cone = [getattr(footprint, name) for name in ("x", "y", "width", "major_x", "major_y")]
     expected = factored.eval_at(wi, wv, footprint)
     for precision, tolerance in (("float32", 2e-5), ("float64", 1e-7)):
@@ -152,7 +154,7 @@ def test_every_type_agrees(factored, rng) -> None:
 
 def test_factors_are_read_as_sixteen_bits_where_derivatives_are_not_wanted(factored, rng) -> None:
     types = backend.types("float32", "llvm")
-    wi, wv, footprint = looks(rng)
+    wi, wv, footprint = probes(rng)
     cone = [getattr(footprint, name) for name in ("x", "y", "width", "major_x", "major_y")]
     arrays = [types.Array3(*w.T.copy()) for w in (wi, wv)]
     place, data = Footprint(*(types.Float(v) for v in cone)), factored.on(types.Float)
@@ -168,14 +170,14 @@ def test_factors_are_read_as_sixteen_bits_where_derivatives_are_not_wanted(facto
 def test_eights_keep_large_small_and_negative_numbers() -> None:
     types = backend.types("float32", "llvm")
     values = np.array([0.0, -1.0, 3.4e38, 1e-30, 1.00390625, -7e-5, 65504.0, np.pi], np.float32)
-    words = pack_eights(types.Float(np.concatenate([values, -values])))
+    words = pack_bfloat16(types.Float(np.concatenate([values, -values])))
     found = np.array(gather_eight(words, type(words)([1, 0]))).T
     np.testing.assert_allclose(found, [-values, values], rtol=RELATIVE_ERROR)
 
 
 def test_factors_have_derivatives(factored, rng) -> None:
     types = backend.types("float32", "llvm")
-    wi, wv, footprint = looks(rng, 50)
+    wi, wv, footprint = probes(rng, 50)
     cone = [getattr(footprint, name) for name in ("x", "y", "width", "major_x", "major_y")]
     data = {name: type(value)(value) for name, value in factored.on(types.Float).items()}
     for name in ("mean", "coefficients"):
@@ -195,10 +197,10 @@ def test_factors_have_derivatives(factored, rng) -> None:
 
 
 def test_factors_are_stored(factored, tmp_path, rng) -> None:
-    write_reflectance(tmp_path / "factors.h5", factored)
-    again = read_reflectance(tmp_path / "factors.h5")
+    write_brdf(tmp_path / "factors.h5", factored)
+    again = read_brdf(tmp_path / "factors.h5")
     assert again.error == factored.error
-    wi, wv, footprint = looks(rng)
+    wi, wv, footprint = probes(rng)
     np.testing.assert_array_equal(
         again.eval_at(wi, wv, footprint), factored.eval_at(wi, wv, footprint)
     )

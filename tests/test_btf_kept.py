@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 def kept(path: Path | None, name: str = "wood_beech", scheme: HemisphereScheme = FEW, **how):
     tile, texels = build_tile(name, resolution=16), how.pop("texels", 4)
-    return kept_btf(path, tile, btf_angles(scheme), texels, **({"spp": 2, "orders": 1} | how))
+    return kept_btf(path, tile, btf_angles(scheme), texels, **({"spp": 2, "bounces": 1} | how))
 
 
 @pytest.fixture
@@ -44,17 +44,17 @@ def test_it_is_measured_once(tmp_path: Path, unmeasured) -> None:
     first = kept(path)
     in_memory = kept(None)
     unmeasured()
-    for again in (kept(path), kept(path, orders="auto")):
+    for again in (kept(path), kept(path, bounces="auto")):
         for stack in (first, in_memory):
             np.testing.assert_array_equal(again.values[()], stack.values[()])
-        assert again.provenance["orders"] == 1
+        assert again.provenance["bounces"] == 1
 
 
 @pytest.mark.parametrize(
     ("other", "named"),
     [
         ({"spp": 4}, "samples per texel"),
-        ({"orders": 2}, "orders"),
+        ({"bounces": 2}, "bounces"),
         ({"seed": 1}, "seed"),
         ({"texels": 8}, "texels"),
         ({"scheme": FEWER}, "directions"),
@@ -108,7 +108,7 @@ def test_an_interrupted_measurement_goes_on(tmp_path: Path) -> None:
 def test_the_materials_of_a_room_are_kept(tmp_path: Path, unmeasured) -> None:
     bumps = dict.fromkeys(("aisle", "carpet"), "bumps")
     names = {**dict.fromkeys(room_parts(), "wood_lime"), **bumps}
-    how = {"texels": 4, "directions": FEW, "spp": 2, "tile_steps": 16, "orders": 1}
+    how = {"texels": 4, "directions": FEW, "spp": 2, "tile_steps": 16, "bounces": 1}
     made = room_materials(names, folder=tmp_path, **how)
     assert [file.name for file in tmp_path.iterdir()] == ["wood_lime.h5"]  # bumps take no time
     unmeasured()

@@ -16,7 +16,7 @@ from simrig.evaluation.metrics.images import delta_e_map
 from simrig.files.btf.hdf5 import read_notes
 from simrig.mesostructure.heightfield import Grid, surface
 from simrig.mesostructure.tile import COLOURS, Part, Tile
-from simrig.rigs.btf.bounces import MOST_ORDERS, plan_orders
+from simrig.rigs.btf.bounces import MOST_BOUNCES, plan_bounces
 from simrig.rigs.btf.camera import TileCamera
 from simrig.rigs.btf.rig import btf_angles, by_view, measure_btf
 from simrig.rigs.btf.shadows import shadowed_lights
@@ -53,9 +53,9 @@ def pairs(*degrees: tuple[float, float, float, float]) -> np.ndarray:
 
 
 def measured(
-    tile: Tile, angles: np.ndarray, resolution=8, spp=4, orders=1, **options
+    tile: Tile, angles: np.ndarray, resolution=8, spp=4, bounces=1, **options
 ) -> np.ndarray:
-    stack = measure_btf(tile, angles, resolution, spp, orders=orders, dtype=np.float32, **options)
+    stack = measure_btf(tile, angles, resolution, spp, bounces=bounces, dtype=np.float32, **options)
     return np.asarray(stack.values, dtype=np.float64)
 
 
@@ -145,7 +145,7 @@ def test_light_is_neither_made_nor_lost() -> None:
     angles = np.stack([theta, np.full(256, 0.3), 2.0 * np.pi * v, np.ones(256)], axis=1)
     tile = waves(1.0)
     one = np.pi * measured(tile, angles, 8, 16).mean(axis=(0, 1, 2))
-    whole = np.pi * measured(tile, angles, 8, 16, orders=MOST_ORDERS).mean(axis=(0, 1, 2))
+    whole = np.pi * measured(tile, angles, 8, 16, bounces=MOST_BOUNCES).mean(axis=(0, 1, 2))
     assert whole[0] == pytest.approx(1.0, abs=0.01)  # 256 lights, and what is beyond 8 orders
     assert one[0] < 0.97 * whole[0]
     assert whole[1] < 0.5  # a cavity only ever adds absorption
@@ -159,13 +159,13 @@ def test_a_moved_tile_gives_moved_images() -> None:
     x, y = 2.0 * np.pi * GRID.x / 2.0, 2.0 * np.pi * GRID.y / 2.0
     height = 0.25 * np.sin(x + np.pi) * np.cos(y) - 0.25
     moved = tile_of(surface(GRID, height, part.bsdf))
-    first, second = (measured(t, angles, 16, 256, orders=2) for t in (tile, moved))
-    error = measure_btf(tile, angles, 16, 256, orders=2).provenance["standard_error"]
+    first, second = (measured(t, angles, 16, 256, bounces=2) for t in (tile, moved))
+    error = measure_btf(tile, angles, 16, 256, bounces=2).provenance["standard_error"]
     difference = np.sqrt(np.mean((np.roll(first, 8, axis=2) - second) ** 2))
     assert difference < 1.6 * np.sqrt(2.0) * error
 
 
-def brute_force(tile: Tile, angle: np.ndarray, texels: int, orders: int) -> list[np.ndarray]:
+def brute_force(tile: Tile, angle: np.ndarray, texels: int, bounces: int) -> list[np.ndarray]:
     """Return f_r as Mitsuba's ``path`` renders it twice, with a sheared orthographic camera."""
     omega_i, omega_v = (to_vector(angle[k], angle[k + 2]) for k in (0, 1))
     matrix = np.eye(4)
@@ -190,7 +190,7 @@ def brute_force(tile: Tile, angle: np.ndarray, texels: int, orders: int) -> list
     light = {"type": "directional", "direction": [-float(c) for c in omega_i]}
     light["irradiance"] = {"type": "rgb", "value": 1.0 / float(omega_i[2])}
     scene = {"type": "scene", **tile_shapes(tile, (6, 6)), "camera": camera, "light": light}
-    integrator = mi.load_dict({"type": "path", "max_depth": orders + 1, "rr_depth": 99})
+    integrator = mi.load_dict({"type": "path", "max_depth": bounces + 1, "rr_depth": 99})
     loaded = mi.load_dict(scene)
     return [
         np.array(mi.render(loaded, integrator=integrator, spp=2048, seed=seed)) for seed in (7, 8)
@@ -198,14 +198,14 @@ def brute_force(tile: Tile, angle: np.ndarray, texels: int, orders: int) -> list
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("orders", [1, 3])
-def test_it_agrees_with_brute_force(orders: int, variant_llvm: str) -> None:
+@pytest.mark.parametrize("bounces", [1, 3])
+def test_it_agrees_with_brute_force(bounces: int, variant_llvm: str) -> None:
     tile = waves()
     angles = by_view(pairs((55, 35, 40, 300), (70, 75, 0, 180), (30, 0, 10, 0)))
-    stack = measure_btf(tile, angles, 12, 1024, orders=orders, dtype=np.float32)
+    stack = measure_btf(tile, angles, 12, 1024, bounces=bounces, dtype=np.float32)
     error = stack.provenance["standard_error"]
     for angle, image in zip(angles, stack.values, strict=True):
-        first, second = brute_force(tile, angle, 12, orders)
+        first, second = brute_force(tile, angle, 12, bounces)
         reference = 0.5 * (first + second)
         noise = np.sqrt(error**2 + np.mean((0.5 * (first - second)) ** 2))
         assert np.sqrt(np.mean((image - reference) ** 2)) < 1.3 * noise
@@ -248,7 +248,7 @@ def test_the_size_does_not_matter(scale: float) -> None:
     """Rays that start too far from a surface let light into the valleys of small tiles."""
     angles = pairs((60, 30, 10, 40), (55, 60, 10, 200), (0, 60, 0, 90))
     small, usual = (
-        measured(waves(depth=1.0, scale=s), angles, resolution=16, spp=16, orders=2)
+        measured(waves(depth=1.0, scale=s), angles, resolution=16, spp=16, bounces=2)
         for s in (scale, 1.0)
     )
     np.testing.assert_allclose(
@@ -265,12 +265,12 @@ def test_an_interrupted_measurement_goes_on_to_the_same_bits(tmp_path) -> None:
 
     path, tile = tmp_path / "x.h5", waves()
     with pytest.raises(KeyboardInterrupt):
-        measure_btf(tile, angles, 8, 4, orders=2, path=path, progress=stop)
+        measure_btf(tile, angles, 8, 4, bounces=2, path=path, progress=stop)
     assert not path.exists()
     with pytest.raises(SimrigError, match="unfinished part of another"):
-        measure_btf(tile, angles, 8, 4, orders=2, seed=1, path=path)
-    resumed = measure_btf(tile, angles, 8, 4, orders=2, path=path)
-    whole = measure_btf(tile, angles, 8, 4, orders=2)
+        measure_btf(tile, angles, 8, 4, bounces=2, seed=1, path=path)
+    resumed = measure_btf(tile, angles, 8, 4, bounces=2, path=path)
+    whole = measure_btf(tile, angles, 8, 4, bounces=2)
     assert np.array_equal(resumed.values[()], whole.values)
     assert resumed.provenance["standard_error"] == whole.provenance["standard_error"]
     assert read_notes(path)["standard_error"].shape == (6,)
@@ -291,7 +291,7 @@ def test_blocks_of_rows_and_lights_give_the_same_bits(variant_llvm: str, monkeyp
 @pytest.mark.slow
 def test_the_standard_error_is_that_of_repeated_measurements() -> None:
     angles, tile = pairs((65, 50, 40, 300)), waves()
-    repeated = [measure_btf(tile, angles, 8, 16, orders=2, seed=s) for s in range(8)]
+    repeated = [measure_btf(tile, angles, 8, 16, bounces=2, seed=s) for s in range(8)]
     said = np.sqrt(np.mean([s.provenance["standard_error"] ** 2 for s in repeated]))
     spread = np.stack([s.values[0] for s in repeated]).astype(float)
     found = np.sqrt(spread.var(axis=0, ddof=1).mean())
@@ -303,14 +303,14 @@ def test_orders_follow_the_tolerance(variant_llvm: str) -> None:
     angles = btf_angles(uniform_scheme(1))
     options = {"resolution": (16, 16), "spp": 4}
     fine, coarse = (
-        plan_orders(waves(), angles, parse_tolerance(t), **options) for t in ("dE=0.1", "dE=5")
+        plan_bounces(waves(), angles, parse_tolerance(t), **options) for t in ("dE=0.1", "dE=5")
     )
-    assert 1 <= coarse.settings["orders"] < fine.settings["orders"]
-    dark = plan_orders(waves(0.01), angles, parse_tolerance("dE=0.5"), **options)
-    assert dark.settings["orders"] == 1
-    assert plan_orders(
+    assert 1 <= coarse.settings["bounces"] < fine.settings["bounces"]
+    dark = plan_bounces(waves(0.01), angles, parse_tolerance("dE=0.5"), **options)
+    assert dark.settings["bounces"] == 1
+    assert plan_bounces(
         flat(diffuse()), angles, parse_tolerance("dE=0.001"), **options
-    ).settings == {"orders": 1}
+    ).settings == {"bounces": 1}
 
 
 @pytest.mark.parametrize(
@@ -321,14 +321,14 @@ def test_orders_follow_the_tolerance(variant_llvm: str) -> None:
         ({"angles": np.zeros((0, 4))}, "pairs, 4"),
         ({"resolution": 0}, "1 to 16384"),
         ({"spp": 0}, "1 to 4096"),
-        ({"orders": 99}, "1 to 8"),
-        ({"orders": "many"}, "1 to 8"),
+        ({"bounces": 99}, "1 to 8"),
+        ({"bounces": "many"}, "1 to 8"),
         ({"dtype": np.float64}, "float16 or float32"),
         ({"variant": "llvm_ad_spectral"}, "RGB"),
     ],
 )
 def test_bad_input_is_one_line(change: dict, match: str) -> None:
-    arguments = {"angles": pairs((10, 10, 0, 0)), "resolution": 4, "spp": 1, "orders": 1} | change
+    arguments = {"angles": pairs((10, 10, 0, 0)), "resolution": 4, "spp": 1, "bounces": 1} | change
     with pytest.raises(SimrigError, match=match):
         measure_btf(flat(diffuse()), **arguments)
     backend.select("llvm_ad_rgb")

@@ -59,7 +59,7 @@ def test_a_cell_is_given_a_folder_for_what_it_measures(tmp_path) -> None:
 def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
     study = btf_slices.STUDY
     config = study.presets["quick"] | TINY
-    config |= {"methods": ["b", "bd"], "spp": 2, "orders": 1, "picture": 32, "images": [3, 2]}
+    config |= {"methods": ["b", "bd"], "spp": 2, "bounces": 1, "picture": 32, "images": [3, 2]}
     config |= {"rings": [[0.0, 1], [50.0, 4], [75.0, 4]], "exact_texels": 1}  # 50° between
     found = run_study(study, config, tmp_path)
     b, bd = found.summary["rows"]
@@ -86,7 +86,7 @@ def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
 @pytest.mark.slow
 def test_a_btf_stands_beside_its_structure(tmp_path) -> None:
     study = btf_against_structure.STUDY
-    config = study.presets["quick"] | TINY | {"spp": 4, "orders": 1, "picture_spp": 8}
+    config = study.presets["quick"] | TINY | {"spp": 4, "bounces": 1, "picture_spp": 8}
     config |= {"angles_deg": [[30.0, 30.0, 90.0, 0.0]], "distances_m": [0.6, 4.8], "pixels": 16}
     config |= {"speed": {"pixels": 16, "spp": 2, "rounds": 1}}
     rings = [[0.0, 1], [60.0, 4], [85.0, 4]]

@@ -34,10 +34,10 @@ def pairs(tmp_path: Path) -> Path:
 
 def test_measure_info_convert_and_back(tmp_path: Path, pairs: Path) -> None:
     file, folder, again = tmp_path / "a.h5", tmp_path / "pictures", tmp_path / "b.h5"
-    small = ("--resolution", "6", "--spp", "2", "--orders", "2", "--pairs", pairs)
+    small = ("--resolution", "6", "--spp", "2", "--bounces", "2", "--pairs", pairs)
     said = made("measure", "leather_nappa", "--output", file, *small)
     assert said["images"] == 3
-    assert said["provenance"]["orders"] == 2
+    assert said["provenance"]["bounces"] == 2
     assert said["standard_error"] > 0.0
     assert "leather_nappa" in simrig("btf", "info", file).stdout
     made("convert", file, folder)
@@ -138,8 +138,8 @@ def test_bad_input(tmp_path: Path, pairs: Path, monkeypatch: pytest.MonkeyPatch)
     assert "exists" in refused("measure", "leather_nappa", "--output", there)
     assert "leather_nappa" in refused("measure", "leather_napa", "--output", new)
     assert "directions" in refused("measure", "leather_nappa", "--output", new, "--directions", "x")
-    assert "1 to 8" in refused("measure", "leather_nappa", "--output", new, "--orders", "9")
-    assert "number" in refused("measure", "leather_nappa", "--output", new, "--orders", "few")
+    assert "1 to 8" in refused("measure", "leather_nappa", "--output", new, "--bounces", "9")
+    assert "number" in refused("measure", "leather_nappa", "--output", new, "--bounces", "few")
     pairs.write_text("95 0 0 0\n")
     assert "outside" in refused("measure", "leather_nappa", "--output", new, "--pairs", pairs)
     listed = ("measure", "leather_nappa", "--output", new, "--pairs", pairs)

@@ -25,7 +25,7 @@ from simrig.scenes import SCENES
 
 pytestmark = pytest.mark.usefixtures("in_empty_folder")
 
-SMALL_PLAN = ("--samples", "300", "--elevation-step", "40", "--azimuth-step", "120")
+SMALL_PLAN = ("--samples", "300", "--theta-step", "40", "--azimuth-step", "120")
 MEASURE = ("measure", "wood01", "--output", "m.h5")
 
 
@@ -51,8 +51,8 @@ def test_from_material_to_comparison() -> None:
     measured = done("measure", "yellow_satin", "--output", "m.h5", *SMALL_PLAN)
     assert measured["cost"]["samples"] == 300
     assert Measurement.load("m.h5").values.shape == (300, 3)
-    rebuilt = done("reconstruct", "m.h5", "--output", "r.h5")
-    assert rebuilt["samples"] == 300
+    reconstructed = done("reconstruct", "m.h5", "--output", "r.h5")
+    assert reconstructed["samples"] == 300
 
     picture = ("--resolution", "16", "--spp", "4", "--scene", "sphere")
     rendered = done("render", "--material", "r.h5", "--output", "r.exr", *picture)
@@ -67,8 +67,8 @@ def test_from_material_to_comparison() -> None:
     other = done("compare", "t.exr", "r.exr", "--difference", "d.png")
     assert other["delta_e"] > 0.0
     assert read_image("d.png").shape == (16, 16, 3)
-    reflectances = done("compare", "yellow_satin", "r.h5", "--step", "15", "--theta-max", "75")
-    assert 0.0 < reflectances["mre"] < 200.0
+    brdfs = done("compare", "yellow_satin", "r.h5", "--step", "15", "--theta-max", "75")
+    assert 0.0 < brdfs["mre"] < 200.0
     assert sorted(p.name for p in Path().iterdir()) == sorted(
         ["m.h5", "r.h5", "r.exr", "r.png", "t.exr", "d.png"]
     )
@@ -88,8 +88,8 @@ def test_schemes_and_what_is_made_of_them() -> None:
     assert measured["cost"]["samples"] == uniform_scheme(2).reciprocal_count
     assert done("reconstruct", "s.h5", "--output", "b.h5")["method"] == "barycentric"
     spline = ("--method", "rbf-global-log", "--step", "20")
-    rebuilt = done("reconstruct", "s.h5", "--output", "t.h5", *spline)
-    assert any("condition" in note for note in rebuilt["notes"])
+    reconstructed = done("reconstruct", "s.h5", "--output", "t.h5", *spline)
+    assert any("condition" in note for note in reconstructed["notes"])
     close = [done("compare", "wood01", f, "--step", "20") for f in ("b.h5", "t.h5")]
     assert all(0.0 < found["mre"] < 40.0 for found in close)
     grid = ("--scheme", "regular", "--samples", "300")
@@ -157,17 +157,17 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
         ([*MEASURE, "--rig", "gantri"], "unknown --rig 'gantri': did you mean 'gantry'?"),
         ([*MEASURE, "--slices", "round"], "unknown --slices 'round'"),
         (
-            [*MEASURE, "--samples", "100", "--elevation-step", "14", "--azimuth-step", "36"],
+            [*MEASURE, "--samples", "100", "--theta-step", "14", "--azimuth-step", "36"],
             "intersections",
         ),
         (
-            [*MEASURE, "--samples", "10000000", "--elevation-step", "80", "--azimuth-step", "180"],
+            [*MEASURE, "--samples", "10000000", "--theta-step", "80", "--azimuth-step", "180"],
             "samples",
         ),
         ([*MEASURE, "--scheme", "31"], "numbered 1 to 30"),
         ([*MEASURE, "--scheme", "uniforn"], "did you mean 'uniform'"),
         ([*MEASURE, "--scheme", "7", "--samples", "500"], "its own number of samples"),
-        ([*MEASURE, "--scheme", "7", "--theta-max", "60"], "its own elevations"),
+        ([*MEASURE, "--scheme", "7", "--theta-max", "60"], "its own polar angles"),
         ([*MEASURE, "--scheme", "7", "--azimuth-step", "36"], "measures no slices"),
         ([*MEASURE, "--scheme", "uniform", "--samples", "400"], "too few for a uniform scheme"),
         ([*MEASURE, "--scheme", "regular", "--samples", "9"], "too few for a regular grid"),
@@ -247,7 +247,7 @@ def test_an_interrupted_measurement_goes_on_with_the_same_result(tmp_path: Path)
 SMALL_EXPERIMENT = """
 material = "wood01"
 scenes = [{ name = "sphere", resolution = 32 }]
-measurement = { samples = [300], elevation_step_deg = 40, azimuth_step_deg = 120, baseline = false }
+measurement = { samples = [300], theta_step_deg = 40, azimuth_step_deg = 120, baseline = false }
 rendering = { spp = 1 }
 comparison = { exact = false, estimate_samples = 7000 }
 """

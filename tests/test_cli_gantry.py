@@ -20,7 +20,7 @@ def gantry_file() -> str:
     return "g.h5"
 
 
-def test_from_the_gantry_to_a_reflectance(gantry_file: str) -> None:
+def test_from_the_gantry_to_a_brdf(gantry_file: str) -> None:
     measurement = GantryMeasurement.load(gantry_file)
     assert measurement.plan.samples == 168
     assert measurement.cost.hardware_seconds == pytest.approx(360.0)
@@ -33,8 +33,17 @@ def test_from_the_gantry_to_a_reflectance(gantry_file: str) -> None:
 
 @pytest.mark.parametrize(("method", "note"), [("gantry-a", "condition"), ("gantry-bd", "sum")])
 def test_the_other_methods_of_the_gantry(gantry_file: str, method: str, note: str) -> None:
-    rebuild = ("reconstruct", gantry_file, "--output", "r.h5", "--method", method, "--step", "30")
-    found = done(*rebuild, "--interpolation", "linear")
+    reconstruct = (
+        "reconstruct",
+        gantry_file,
+        "--output",
+        "r.h5",
+        "--method",
+        method,
+        "--step",
+        "30",
+    )
+    found = done(*reconstruct, "--interpolation", "linear")
     assert found["method"] == method.replace("-", "_") and found["interpolation"] == "linear"
     assert any(note in text for text in found["notes"])
     assert load_material("r.h5").values.shape == (4, 4, 12, 12, 3)
@@ -70,13 +79,13 @@ def test_measurements_that_cannot_be(options: tuple[str, ...], message: str) -> 
 def test_methods_that_cannot_use_a_measurement(
     gantry_file: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rebuild = ("reconstruct", gantry_file, "--output", "r.h5")
-    for method in ("slices", "improved", "barycentric", "rbf-local", "regular-grid"):
-        assert "gantry-a, gantry-b or gantry-bd" in refusal(*rebuild, "--method", method)
-    assert "must divide 360" in refusal(*rebuild, "--step", "7")
+    reconstruct = ("reconstruct", gantry_file, "--output", "r.h5")
+    for method in ("slices", "along-highlights", "barycentric", "rbf-local", "regular-grid"):
+        assert "gantry-a, gantry-b or gantry-bd" in refusal(*reconstruct, "--method", method)
+    assert "must divide 360" in refusal(*reconstruct, "--step", "7")
     done("measure", "wood01", "--scheme", "1", "--ideal", "--output", "s.h5")
     of_scheme = ("reconstruct", "s.h5", "--output", "r.h5", "--method", "gantry-b")
     assert "measure with --rig gantry, or use --method barycentric" in refusal(*of_scheme)
     monkeypatch.setitem(sys.modules, "ot", None)
-    assert "pip install 'simrig[transport]'" in refusal(*rebuild, "--method", "gantry-bd")
+    assert "pip install 'simrig[transport]'" in refusal(*reconstruct, "--method", "gantry-bd")
     assert not Path("r.h5").exists()

@@ -144,7 +144,7 @@ def test_render_keeps_its_plan_and_can_do_without() -> None:
 def test_run_plans_its_scenes_for_a_tolerance() -> None:
     Path("small.toml").write_text(
         'material = "wood01"\n'
-        "measurement = { samples = [300], elevation_step_deg = 32.0, azimuth_step_deg = 120.0, "
+        "measurement = { samples = [300], theta_step_deg = 32.0, azimuth_step_deg = 120.0, "
         "baseline = false }\n"
         "comparison = { exact = false, estimate_samples = 7000 }\n"
         '[[scenes]]\nname = "four_spheres"\nresolution = 48\n'
@@ -216,7 +216,7 @@ BROKEN = {
         SCENE.replace('_kurt"/>', '_kurt"><float name="m_z" value="1"/></bsdf>'),
         'unreferenced property in bsdf plugin of type "simrig_kurt": - float "m_z"',
     ),
-    "a reflectance that is no number": (
+    "a BRDF that is no number": (
         SCENE.replace(
             '<bsdf type="simrig_kurt"/>',
             '<bsdf type="diffuse"><rgb name="reflectance" value="nan, 0, 0"/></bsdf>',

@@ -31,7 +31,7 @@ from simrig.viewing.structure.probe import (
     PREDICTING,
     btf_stimulus,
     image_stimulus,
-    look,
+    probe,
     tile_stimulus,
 )
 
@@ -59,11 +59,11 @@ def test_the_display_is_that_of_experiment_b() -> None:
 def test_a_picture_is_seen_at_its_size() -> None:
     stimulus = image_stimulus(striped(2.5), 40.0)
     assert stimulus.textured.shape == (round(20.0 / PIXEL_MM), round(40.0 / PIXEL_MM))
-    seen = look(stimulus)
+    seen = probe(stimulus)
     assert set(seen.features) == set(FEATURES) and set(seen.distances_m) == set(PREDICTING)
     assert seen.structure_mm == seen.found_mm["spectrum"] == pytest.approx(2.5, abs=PIXEL_MM)
     assert seen.found_mm["autocorrelation"] == pytest.approx(2.5, abs=PIXEL_MM)
-    twice = look(stimulus, structure_mm=5.0)
+    twice = probe(stimulus, structure_mm=5.0)
     assert twice.features == seen.features
     model = PUBLISHED_MODELS["ssim"]
     assert twice.distances_m["ssim"] == model.distance(5.0, twice.features["ssim"])
@@ -73,13 +73,13 @@ def test_a_picture_is_seen_at_its_size() -> None:
 def test_large_pictures_are_cut_and_small_ones_refused() -> None:
     assert image_stimulus(striped(20.0), 400.0).textured.shape == (256, 256)
     with pytest.raises(SimrigError, match="larger picture"):
-        look(image_stimulus(striped(2.5), 1.0))
+        probe(image_stimulus(striped(2.5), 1.0))
     with pytest.raises(SimrigError, match="> 0 mm"):
         image_stimulus(striped(2.5), 0.0)
     with pytest.raises(SimrigError, match="NaN"):
         image_stimulus(np.full((40, 40, 3), np.nan), 40.0)
     with pytest.raises(SimrigError, match="> 0 mm"):
-        look(image_stimulus(striped(2.5), 40.0), structure_mm=-1.0)
+        probe(image_stimulus(striped(2.5), 40.0), structure_mm=-1.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (8, 8), (8, 20)])
@@ -87,7 +87,7 @@ def test_a_plain_btf_has_nothing_to_see(shape: tuple[int, int]) -> None:
     stimulus = btf_stimulus(lit_stack(np.full((*shape, 3), 0.4), (3.0, 2.0)), pixels=64)
     assert stimulus.textured == pytest.approx(stimulus.plain)
     assert decode_srgb(np.array(stimulus.plain)) == pytest.approx(0.4 * LIT, rel=1e-3)
-    seen = look(stimulus)
+    seen = probe(stimulus)
     assert seen.structure_mm == 0.0
     for name in PREDICTING:
         assert seen.features[name] == pytest.approx(0.0, abs=1e-6)
@@ -97,7 +97,7 @@ def test_a_plain_btf_has_nothing_to_see(shape: tuple[int, int]) -> None:
 def test_a_btf_is_repeated_at_its_size() -> None:
     """Non-square texels and tiles: 3 mm stripes across, whatever the rows are."""
     tile = np.where(np.arange(30)[None, :, None] < 15, 0.2, 0.6) * np.ones((7, 1, 3))
-    seen = look(btf_stimulus(lit_stack(tile, (3.0, 1.1)), pixels=128))
+    seen = probe(btf_stimulus(lit_stack(tile, (3.0, 1.1)), pixels=128))
     assert seen.structure_mm == pytest.approx(3.0, abs=PIXEL_MM)
 
 
@@ -116,7 +116,7 @@ def test_a_tile_is_as_bright_as_its_mean_and_repeats() -> None:
     linear = decode_srgb(stimulus.textured).mean()
     assert linear == pytest.approx(decode_srgb(np.array(stimulus.plain)), rel=1e-6)
     rough, fine = (
-        look(
+        probe(
             tile_stimulus(build_tile(name, resolution=48), **SMALL),
             PRESETS[name].structure.element_mm,
         )

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import h5py
 import numpy as np
 import pytest
@@ -12,9 +16,10 @@ from simrig.brdf.tables.isotropic import IsotropicTable
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.files import hdf5
+from simrig.reconstruction.slices.tables import reconstruct
 
 
-def reflectances(rng: np.random.Generator) -> list:
+def brdfs(rng: np.random.Generator) -> list:
     return [
         Lambert((0.1, 0.2, 0.3)),
         Ward((0.1, 0.2, 0.3), (0.3, 0.2, 0.1), 0.1, 0.4, "duer"),
@@ -27,16 +32,16 @@ def reflectances(rng: np.random.Generator) -> list:
 @pytest.fixture
 def written(tmp_path):
     path = tmp_path / "material.h5"
-    hdf5.write_reflectance(path, Lambert())
+    hdf5.write_brdf(path, Lambert())
     return path
 
 
 @pytest.mark.parametrize("index", range(5))
-def test_reflectance_comes_back(tmp_path, rng, index):
-    original = reflectances(rng)[index]
+def test_brdf_comes_back(tmp_path, rng, index):
+    original = brdfs(rng)[index]
     path = tmp_path / "material.h5"
-    hdf5.write_reflectance(path, original)
-    again = hdf5.read_reflectance(path)
+    hdf5.write_brdf(path, original)
+    again = hdf5.read_brdf(path)
     assert type(again) is type(original) and again.name == original.name
     wi, wv = (to_vector(rng.uniform(0, 1.5, 200), rng.uniform(0, 6.28, 200)) for _ in range(2))
     np.testing.assert_array_equal(evaluate(again, wi, wv), evaluate(original, wi, wv))
@@ -53,17 +58,17 @@ def test_every_kind_names_a_storable_class():
 
 def test_file_describes_itself(tmp_path):
     path = tmp_path / "material.h5"
-    hdf5.write_reflectance(path, kurt_material("wood01"), {"seed": 3, "rig": "direct"})
-    with hdf5.open_checked(path, "reflectance") as file:
+    hdf5.write_brdf(path, kurt_material("wood01"), {"seed": 3, "rig": "direct"})
+    with hdf5.open_checked(path, "brdf") as file:
         assert hdf5.provenance_of(file) == {"rig": "direct", "seed": 3}
         assert "linear RGB" in file.attrs["conventions"]
         assert file.attrs["kind"] == "kurt"
-    assert hdf5.content_of(path) == "reflectance"
+    assert hdf5.content_of(path) == "brdf"
 
 
 def test_arrays_carry_units(tmp_path):
     path = tmp_path / "material.h5"
-    hdf5.write_reflectance(path, DenseTable(np.ones((3, 3, 4, 4, 3)), 0.5))
+    hdf5.write_brdf(path, DenseTable(np.ones((3, 3, 4, 4, 3)), 0.5))
     with h5py.File(path) as file:
         assert file["data/values"].attrs["units"] == "1/sr"
 
@@ -74,7 +79,7 @@ def test_arrays_carry_units(tmp_path):
         ("format_version", 99, "install a later simrig"),
         ("format_version", 0, "no valid format version"),
         ("format", "other", "not written by simrig"),
-        ("content", "measurement", "holds a measurement, expected a reflectance"),
+        ("content", "measurement", "holds a measurement, expected a brdf"),
         ("kind", "lamberd", "did you mean 'lambert'"),
         ("provenance", "{", None),
     ],
@@ -85,28 +90,28 @@ def test_attributes_are_checked(written, key, value, message):
     if message is None:
         with (
             pytest.raises(SimrigError, match="not JSON"),
-            hdf5.open_checked(written, "reflectance") as file,
+            hdf5.open_checked(written, "brdf") as file,
         ):
             hdf5.provenance_of(file)
         return
     with pytest.raises(SimrigError, match=message):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
 
 
 def test_truncated_file_is_refused(written):
     content = written.read_bytes()
     written.write_bytes(content[: len(content) // 2])
     with pytest.raises(SimrigError, match="damaged or truncated"):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
 
 
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "notes.h5"
     path.write_text("no HDF5 at all")
     with pytest.raises(SimrigError, match="not an HDF5 file"):
-        hdf5.read_reflectance(path)
+        hdf5.read_brdf(path)
     with pytest.raises(SimrigError, match="there is no file"):
-        hdf5.read_reflectance(tmp_path / "missing.h5")
+        hdf5.read_brdf(tmp_path / "missing.h5")
 
 
 @pytest.mark.parametrize("length", [2**20, 2**40])
@@ -115,7 +120,7 @@ def test_claimed_sizes_are_refused_before_reading(written, length):
         del file["data/albedo"]
         file["data"].create_dataset("albedo", (length, 1024), "f8", chunks=(1, 1024))
     with pytest.raises(SimrigError, match="which its file cannot hold"):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
 
 
 def test_text_and_links_are_not_arrays(written):
@@ -123,12 +128,12 @@ def test_text_and_links_are_not_arrays(written):
         del file["data/albedo"]
         file["data"]["albedo"] = ["a", "b", "c"]
     with pytest.raises(SimrigError, match="not a plain numeric array"):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
     with h5py.File(written, "r+") as file:
         del file["data/albedo"]
         file["data/albedo"] = h5py.ExternalLink("elsewhere.h5", "x")
     with pytest.raises(SimrigError, match=r"missing|damaged"):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
 
 
 @pytest.mark.parametrize("value", [np.nan, -1.0, np.inf])
@@ -136,18 +141,18 @@ def test_values_are_checked(written, value):
     with h5py.File(written, "r+") as file:
         file["data/albedo"][1] = value
     with pytest.raises(SimrigError, match="albedo must be"):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
 
 
 def test_missing_parts_are_named(written):
     with h5py.File(written, "r+") as file:
         del file["data/albedo"]
     with pytest.raises(SimrigError, match="do not make a 'lambert'"):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
     with h5py.File(written, "r+") as file:
         del file["data"]
     with pytest.raises(SimrigError, match="damaged"):
-        hdf5.read_reflectance(written)
+        hdf5.read_brdf(written)
 
 
 def test_array_of_another_shape_is_refused(tmp_path):
@@ -167,9 +172,35 @@ def test_failed_writing_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_unstorable_reflectance_is_refused(tmp_path):
+def test_unstorable_brdf_is_refused(tmp_path):
     class Odd(Lambert):
         kind = "odd"
 
     with pytest.raises(SimrigError, match="no stored form"):
-        hdf5.write_reflectance(tmp_path / "odd.h5", Odd())
+        hdf5.write_brdf(tmp_path / "odd.h5", Odd())
+
+
+def rename(attributes: h5py.AttributeManager, names: dict[str, str]) -> None:
+    for now, then in names.items():
+        attributes[then] = attributes[now]
+        del attributes[now]
+
+
+def test_files_of_version_0_1_still_open(tmp_path: Path, measured: Callable[..., Any]) -> None:
+    """Written as version 0.1 named things: ``elevation_step``, ``reflectance``."""
+    scan = measured()
+    scan.save(tmp_path / "scan.h5")
+    slices = reconstruct(scan)
+    hdf5.write_brdf(tmp_path / "slices.h5", slices)
+    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+        rename(file.attrs, {"theta_step": "elevation_step"})
+    with h5py.File(tmp_path / "slices.h5", "r+") as file:
+        file.attrs["content"] = "reflectance"
+        rename(file["structure"].attrs, {"theta_step": "elevation_step"})
+    again = type(scan).load(tmp_path / "scan.h5")
+    np.testing.assert_array_equal(again.samples.values, scan.samples.values)
+    assert again.placement == scan.placement
+    assert hdf5.content_of(tmp_path / "slices.h5") == "brdf"
+    back = hdf5.read_brdf(tmp_path / "slices.h5")
+    for name, array in slices.data().items():
+        np.testing.assert_array_equal(back.data()[name], array)

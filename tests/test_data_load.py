@@ -8,7 +8,7 @@ import pytest
 from simrig.brdf import Kurt, Lambert, Ward, kurt_material
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import IsotropicTable
-from simrig.brdf.tables.rgl import RglReflectance
+from simrig.brdf.tables.rgl import RglBrdf
 from simrig.btf.synthetic import bumps
 from simrig.core.errors import SimrigError
 from simrig.files import hdf5, load
@@ -53,7 +53,7 @@ def test_missing_files_are_not_names(tmp_path):
         ("merl", IsotropicTable),
         ("utia", DenseTable),
         ("utia-exr", DenseTable),
-        ("rgl", RglReflectance),
+        ("rgl", RglBrdf),
     ],
 )
 def test_written_formats_are_recognised_by_content(tmp_path, format, kind):
@@ -157,7 +157,7 @@ def test_negative_noise_can_be_clamped(tmp_path):
 @pytest.mark.parametrize(
     "name,expected",
     [
-        ("rgl/aurora_white_rgb.bsdf", RglReflectance),
+        ("rgl/aurora_white_rgb.bsdf", RglBrdf),
         ("cornell/cayman.brdf", IsotropicTable),
         ("ubo2014/carpet07_mean_151x151.npz", DenseTable),
     ],

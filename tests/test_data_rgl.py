@@ -1,4 +1,4 @@
-"""Tensor files and RGL reflectances: Mitsuba agrees, conversions come back, damage is refused."""
+"""Tensor files and RGL BRDFs: Mitsuba agrees, conversions come back, damage is refused."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_converted_material_agrees_with_mitsuba(tmp_path, variant_llvm, rng, mat
 
 
 def test_non_reciprocal_table_renders_the_right_way_round(tmp_path, variant_llvm, rng):
-    """The light's elevation doubles the value and the camera's does not, in Mitsuba as here."""
+    """The light's polar angle doubles the value and the camera's does not, in Mitsuba as here."""
     values = np.ones((3, 3, 1, 1, 3))
     values[2, :] = 2.0
     table = DenseTable(values, np.radians(40.0))
@@ -146,25 +146,25 @@ def test_quarter_of_the_circle_is_read_by_mirroring(tmp_path, variant_llvm, rng)
 
 def test_rgl_on_device_agrees_with_numpy(tmp_path, rng):
     write_rgl(tmp_path / "x.bsdf", kurt_material("fabric041"), COARSE)
-    reflectance = read_rgl(tmp_path / "x.bsdf")
+    brdf = read_rgl(tmp_path / "x.bsdf")
     grid = to_vector(np.array([0.0, 1e-6, 0.5, 1.2, 1.57]), np.array([0.0, 1.0, np.pi, -np.pi, 2]))
     light = np.concatenate((directions(rng, 1000), np.repeat(grid, 5, axis=0)))
     view = np.concatenate((directions(rng, 1000), np.tile(grid, (5, 1))))
-    expected = evaluate(reflectance, light, view)
+    expected = evaluate(brdf, light, view)
     assert np.all(np.isfinite(expected)) and expected.min() >= 0.0
-    double = evaluate(reflectance, light, view, backend.types("float64").Float)
+    double = evaluate(brdf, light, view, backend.types("float64").Float)
     np.testing.assert_allclose(double, expected, rtol=1e-6)
-    single_precision = evaluate(reflectance, light, view, backend.types().Float)
+    single_precision = evaluate(brdf, light, view, backend.types().Float)
     relative = np.abs(single_precision - expected) / (expected + 1e-4)
     assert np.quantile(relative, 0.99) < 1e-3
 
 
 def test_rgl_is_continuous_where_the_azimuth_folds(tmp_path):
     write_rgl(tmp_path / "x.bsdf", kurt_material("yellow_satin"), COARSE)
-    reflectance = read_rgl(tmp_path / "x.bsdf")
+    brdf = read_rgl(tmp_path / "x.bsdf")
     light = to_vector(0.4, 0.7)
     for phi in (0.0, np.pi / 2, np.pi, -np.pi / 2):
-        sides = [evaluate(reflectance, light, to_vector(0.8, phi + e)) for e in (-1e-8, 0.0, 1e-8)]
+        sides = [evaluate(brdf, light, to_vector(0.8, phi + e)) for e in (-1e-8, 0.0, 1e-8)]
         np.testing.assert_allclose(sides[0], sides[2], rtol=1e-5)
         np.testing.assert_allclose(sides[0], sides[1], rtol=1e-5)
 

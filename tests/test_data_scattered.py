@@ -97,7 +97,7 @@ def test_interpolation_holds_beyond_the_data(rng):
 
 
 def test_interpolation_keeps_the_order_of_the_directions(rng):
-    """Samples that lose light with the light's elevation alone: so does the table."""
+    """Samples that lose light with the light's polar angle alone: so does the table."""
     theta_i, theta_v = rng.uniform(0.0, 1.4, (2, 500))
     phi = rng.uniform(0.0, 6.28, (2, 500))
     values = np.repeat(np.cos(theta_i)[:, None] ** 2, 3, axis=1)
@@ -255,9 +255,9 @@ def test_barycentric_weights_are_exact_and_inside(rng):
     weights = barycentric_weights(nodes, targets)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     assert weights.min() >= 0.0 and (weights > 0.0).sum(axis=1).max() <= 3
-    rebuilt = weights @ nodes
-    rebuilt /= np.linalg.norm(rebuilt, axis=1, keepdims=True)
-    np.testing.assert_allclose(rebuilt, targets, atol=1e-9)
+    reconstructed = weights @ nodes
+    reconstructed /= np.linalg.norm(reconstructed, axis=1, keepdims=True)
+    np.testing.assert_allclose(reconstructed, targets, atol=1e-9)
 
 
 def test_barycentric_weights_do_not_extrapolate():

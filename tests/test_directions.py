@@ -61,7 +61,7 @@ PARAMETERISATIONS: dict[str, tuple[Callable, Callable]] = {
 parameterisations = pytest.mark.parametrize("name", PARAMETERISATIONS)
 precisions = pytest.mark.parametrize("precision", PRECISIONS)
 
-elevation = st.floats(0.0, np.pi / 2)
+theta = st.floats(0.0, np.pi / 2)
 turn = st.floats(0.0, 2.0 * np.pi, exclude_max=True)
 # from the smallest normal number up: tilts where a squared length underflows
 tilt = st.floats(-300.0, 0.0).map(lambda exponent: 10.0**exponent)
@@ -84,7 +84,7 @@ def test_round_trip_on_hard_cases(name, precision, case):
 
 
 @parameterisations
-@given(elevation, turn, elevation, turn)
+@given(theta, turn, theta, turn)
 def test_round_trip_from_vectors(name, theta_i, phi_i, theta_v, phi_v):
     pair = _vector(theta_i, phi_i), _vector(theta_v, phi_v)
     to, back = PARAMETERISATIONS[name]
@@ -94,7 +94,7 @@ def test_round_trip_from_vectors(name, theta_i, phi_i, theta_v, phi_v):
 
 
 @parameterisations
-@given(elevation, turn, tilt, turn)
+@given(theta, turn, tilt, turn)
 def test_round_trip_next_to_each_special_direction(name, theta, phi, angle, aside):
     """Directions that nearly agree, nearly mirror, are nearly opposite, or nearly the normal."""
     wi = _vector(theta, phi)
@@ -236,7 +236,7 @@ def test_half_difference_follows_its_definition(rng):
         assert np.allclose(to_vector(theta_d, phi_d), difference, atol=1e-13)
 
 
-@given(elevation, turn, elevation, turn)
+@given(theta, turn, theta, turn)
 def test_swapping_the_directions_turns_phi_d_by_half(theta_i, phi_i, theta_v, phi_v):
     wi, wv = _vector(theta_i, phi_i), _vector(theta_v, phi_v)
     one, other = to_half_difference(wi, wv), to_half_difference(wv, wi)
@@ -247,7 +247,7 @@ def test_swapping_the_directions_turns_phi_d_by_half(theta_i, phi_i, theta_v, ph
         assert abs(abs(turned) - np.pi) < 1e-14
 
 
-@given(elevation, turn, elevation, turn, turn)
+@given(theta, turn, theta, turn, turn)
 def test_turning_the_pair_changes_phi_h_only(theta_i, phi_i, theta_v, phi_v, angle):
     """What makes theta_h, theta_d, phi_d the coordinates of an isotropic material."""
     one = to_half_difference(_vector(theta_i, phi_i), _vector(theta_v, phi_v))
@@ -275,7 +275,7 @@ def test_half_difference_where_angles_are_undefined(precision):
     assert np.allclose(np.linalg.norm(h, axis=-1), 1.0, atol=1e-6)
 
 
-@given(st.floats(-15.0, -3.0), turn, elevation, turn)
+@given(st.floats(-15.0, -3.0), turn, theta, turn)
 def test_small_theta_d_is_not_lost_in_a_cosine(exponent, aside, theta, phi):
     """acos of the dot product would give 0 below 1e-8."""
     theta_d = 10.0**exponent
@@ -286,7 +286,7 @@ def test_small_theta_d_is_not_lost_in_a_cosine(exponent, aside, theta, phi):
 # Onion
 
 
-@given(elevation, turn, st.floats(1e-30, np.pi / 2), st.floats(-50.0, 50.0))
+@given(theta, turn, st.floats(1e-30, np.pi / 2), st.floats(-50.0, 50.0))
 def test_illumination_angles_do_not_change_when_the_pair_turns(theta_i, phi_i, theta_v, angle):
     one = to_onion(_vector(theta_i, phi_i), _vector(theta_v, 0.0))
     other = to_onion(_vector(theta_i, phi_i + angle), _vector(theta_v, angle))
@@ -305,7 +305,7 @@ def test_plane_of_incidence_is_at_beta_zero(theta, phi):
     assert retro.alpha_i == pytest.approx(theta, abs=1e-14)
 
 
-@given(elevation, turn, elevation, turn)
+@given(theta, turn, theta, turn)
 def test_onion_angles_stay_in_the_half_turn(theta_i, phi_i, theta_v, phi_v):
     angles = to_onion(_vector(theta_i, phi_i), _vector(theta_v, phi_v))
     assert np.all(np.abs(angles) <= np.pi / 2 + 1e-15)

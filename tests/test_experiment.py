@@ -99,7 +99,7 @@ def test_every_key_of_the_results_is_documented(finished: tuple) -> None:
         *record,
         *record["total"],
         *record["cost"]["sampling"],
-        *record["reflectance"],
+        *record["brdf"],
     }
     keys |= {*results["material"], *results["scenes"]["sphere"], *record["scenes"]["sphere"]}
     keys |= {*results["accuracy_versus_cost"][0]}
@@ -111,13 +111,13 @@ def test_more_samples_are_more_accurate_and_errors_agree_with_a_direct_compariso
 ) -> None:
     folder, results, _ = finished
     first, _, second, _ = results["reconstructions"]
-    assert second["reflectance"]["mre_percent"] < first["reflectance"]["mre_percent"]
+    assert second["brdf"]["mre_percent"] < first["brdf"]["mre_percent"]
     from simrig.files.load import load_material
 
     again = load_material(folder / second["files"]["reconstruction"])
     direct = mre_exact(kurt_material("fabric112"), again, step_deg=20.0, theta_max_deg=80.0)
-    assert second["reflectance"]["exact"]["percent"] == pytest.approx(direct.percent, rel=1e-4)
-    estimate = second["reflectance"]["estimate"]
+    assert second["brdf"]["exact"]["percent"] == pytest.approx(direct.percent, rel=1e-4)
+    estimate = second["brdf"]["estimate"]
     assert abs(estimate["percent"] - direct.percent) < 5.0 * estimate["standard_error_percent"]
 
 
@@ -211,7 +211,7 @@ def test_examples_run_in_quick_form(name: str, tmp_path: Path) -> None:
     results = run_experiment(quick, tmp_path)
     assert len(results["reconstructions"]) == (2 if quick.measurement.baseline else 1)
     assert len(results["scenes"]) == len(scenes)
-    assert results["reconstructions"][0]["reflectance"]["exact"] is None
+    assert results["reconstructions"][0]["brdf"]["exact"] is None
 
 
 @pytest.mark.parametrize(
@@ -246,8 +246,8 @@ def test_each_set_of_slices_is_measured_and_rebuilt_on_its_own(
     assert axial["label"] == "axial and diagonal slices, 700 samples"
     # the full set is what it is without the other one beside it
     alone = finished[1]["reconstructions"][0]
-    assert full["reflectance"]["mre_percent"] == alone["reflectance"]["mre_percent"]
-    assert axial["reflectance"]["mre_percent"] != full["reflectance"]["mre_percent"]
+    assert full["brdf"]["mre_percent"] == alone["brdf"]["mre_percent"]
+    assert axial["brdf"]["mre_percent"] != full["brdf"]["mre_percent"]
 
 
 def one_way_table(n_phi: int = 4) -> DenseTable:
@@ -268,9 +268,9 @@ def test_the_measured_half_is_the_truth_there_and_its_mirror_elsewhere() -> None
 
 
 def test_a_material_that_is_not_reciprocal_is_said_to_be_so(tmp_path: Path) -> None:
-    from simrig.files.hdf5 import write_reflectance
+    from simrig.files.hdf5 import write_brdf
 
-    write_reflectance(tmp_path / "one_way.h5", one_way_table())
+    write_brdf(tmp_path / "one_way.h5", one_way_table())
     experiment = replace(
         SMALL,
         material=str(tmp_path / "one_way.h5"),
@@ -280,16 +280,16 @@ def test_a_material_that_is_not_reciprocal_is_said_to_be_so(tmp_path: Path) -> N
     half = results["material"]["half_error"]
     exact = mre_exact(one_way_table(), MeasuredHalf(one_way_table()), step_deg=20.0)
     assert half["percent"] == pytest.approx(exact.percent, rel=0.01)
-    found = results["reconstructions"][0]["reflectance"]["mre_percent"]
+    found = results["reconstructions"][0]["brdf"]["mre_percent"]
     assert found > 0.9 * exact.percent > 10.0
     assert "not reciprocal" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_perfect_reconstruction_makes_a_report_too(tmp_path: Path) -> None:
-    from simrig.files.hdf5 import write_reflectance
+    from simrig.files.hdf5 import write_brdf
 
     flat = resample_dense(Lambert(), math.radians(20.0), 4, math.radians(80.0))
-    write_reflectance(tmp_path / "flat.h5", flat)
+    write_brdf(tmp_path / "flat.h5", flat)
     small = replace(SMALL, measurement=MeasurementSettings(samples=(700,)))
     results = run_experiment(replace(small, material=str(tmp_path / "flat.h5")), tmp_path / "out")
     assert results["accuracy_versus_cost"][1]["mre_percent"] < 1e-4
@@ -303,7 +303,7 @@ def test_totals_and_pareto_front() -> None:
             "key": key,
             "label": key,
             "method": "slices",
-            "reflectance": {"mre_percent": error},
+            "brdf": {"mre_percent": error},
             "cost": {
                 "sampling": {"samples": samples, "hardware_seconds": 3600.0 * samples, **zero},
                 "reconstruction": {"bytes": 5, **zero},

@@ -45,8 +45,8 @@ def test_slices_lie_where_they_say():
         own = angles[knots.first[number] : knots.first[number + 1]]
         along = own[:, 3] - own[:, 2] if one.kind == AXIAL else own[:, 3] + own[:, 2]
         np.testing.assert_allclose(np.cos(along - one.offset), 1.0, atol=1e-12)
-        np.testing.assert_array_equal(own[:, 0], plan.elevations[one.pair[0]])
-        np.testing.assert_array_equal(own[:, 1], plan.elevations[one.pair[1]])
+        np.testing.assert_array_equal(own[:, 0], plan.thetas[one.pair[0]])
+        np.testing.assert_array_equal(own[:, 1], plan.thetas[one.pair[1]])
         assert np.all(np.diff(one.positions) > 0.0)
 
 
@@ -76,10 +76,10 @@ def test_plan_for_the_published_budgets_is_the_published_plan():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: GantryPlan((0.5,)), "at least two elevations"),
-        (lambda: GantryPlan((0.8, 0.5)), "increase"),
+        (lambda: GantryPlan((0.5,)), "at least two polar angles"),
+        (lambda: GantryPlan((0.8, 0.5)), "increasing"),
         (lambda: GantryPlan((0.0, 0.5)), "within"),
-        (lambda: GantryPlan((0.5, float("nan"))), "increase"),
+        (lambda: GantryPlan((0.5, float("nan"))), "increasing"),
         (lambda: GantryPlan(axial=-1), "axial slices"),
         (lambda: GantryPlan(diagonal=0), "diagonal slices"),
         (lambda: GantryPlan(slice_samples=3), "samples per slice"),
@@ -126,7 +126,7 @@ def test_damaged_measurement_is_refused(tmp_path):
         GantryMeasurement.load(path)
 
 
-def test_elevations_beyond_the_data_are_refused():
+def test_thetas_beyond_the_data_are_refused():
     table = DenseTable(np.ones((2, 2, 4, 4, 3)), np.radians(60.0))
     with pytest.raises(SimrigError, match="up to theta = 60 degrees"):
         Gantry().measure(table)

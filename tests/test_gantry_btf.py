@@ -1,4 +1,4 @@
-"""BTFs from the gantry's images: every texel as the gantry's own methods rebuild a reflectance."""
+"""BTFs from the gantry's images: every texel as the gantry's own methods reconstruct a BRDF."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simrig.brdf import Lambert, kurt_material
-from simrig.brdf.minnaert import fit_lafortune
+from simrig.brdf.minnaert import fit_minnaert
 from simrig.brdf.protocol import evaluate
 from simrig.btf.full import FullBtf
 from simrig.btf.stack import BtfStack
@@ -47,7 +47,7 @@ def images(rng: np.random.Generator) -> BtfStack:
         ("bd", 5e-3),
     ],
 )
-def test_each_texel_is_what_its_reflectance_becomes(method, tolerance, rng) -> None:
+def test_each_texel_is_what_its_brdf_becomes(method, tolerance, rng) -> None:
     """Method A blends its halves as logarithms where theta_i = theta_v, as values in the table.
 
     Where several transports cost the same, those of method BD may differ.
@@ -56,7 +56,7 @@ def test_each_texel_is_what_its_reflectance_becomes(method, tolerance, rng) -> N
     wi, wv = to_vector(ANGLES[:, 0], ANGLES[:, 2]), to_vector(ANGLES[:, 1], ANGLES[:, 3])
     for texel, name in enumerate(MATERIALS):
         table = reconstruct_gantry(gantry(name), method, theta_step_deg=15.0, azimuths=24)
-        expected = evaluate(table.reflectance, wi, wv)
+        expected = evaluate(table.brdf, wi, wv)
         np.testing.assert_allclose(
             stack.values[:, 0, texel], expected, atol=tolerance * expected.max()
         )
@@ -94,7 +94,7 @@ def test_weights_are_those_of_the_fitted_model(rng) -> None:
     for line in range(2):
         for texel in range(5):
             values = means[line, :, texel]
-            exponent = fit_lafortune(known, np.full(2, 0.3), values).exponent
+            exponent = fit_minnaert(known, np.full(2, 0.3), values).exponent
             second = interval_weights(wanted[1:], known, exponent)
             np.testing.assert_allclose(found[line, 1:, 1, texel], second, atol=2e-5)
             below = (1.0 / np.cos(known[0])) ** exponent
@@ -102,7 +102,7 @@ def test_weights_are_those_of_the_fitted_model(rng) -> None:
     np.testing.assert_allclose(found[:, 1:].sum(axis=2), 1.0)
 
 
-def test_more_elevations_follow_too() -> None:
+def test_more_thetas_follow_too() -> None:
     plan = GantryPlan.from_degrees(15, 45, 75)
     values = Gantry().measure(Lambert((0.3, 0.4, 0.5)), plan).values[:, None]
     found = texel_method(plan, "b", ANGLES)(values)

@@ -1,4 +1,4 @@
-"""Whole reflectances from a gantry: methods A, B and BD, the Lafortune model, transport."""
+"""Whole BRDFs from a gantry: methods A, B and BD, the Lafortune model, transport."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from simrig.brdf import Lambert, evaluate, kurt_material
-from simrig.brdf.minnaert import Lafortune, fit_lafortune
+from simrig.brdf.minnaert import Minnaert, fit_minnaert
 from simrig.brdf.tables.dense import DenseTable
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.files.hdf5 import read_reflectance, write_reflectance
+from simrig.files.hdf5 import read_brdf, write_brdf
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import METHODS, reconstruct_gantry
-from simrig.reconstruction.gantry.polar_angles import fill_elevations, interval_weights
+from simrig.reconstruction.gantry.polar_angles import fill_thetas, interval_weights
 from simrig.reconstruction.transport.grid import displacement, transport_subspaces
 from simrig.rigs.gantry.rig import Gantry
 
@@ -34,7 +34,7 @@ def directions(rng, count=200, highest=75.0):
 
 @pytest.mark.parametrize("exponent", [-1.5, 0.0, 0.7, 12.0])
 def test_lafortune_is_its_formula(exponent, rng):
-    model = Lafortune((0.1, 0.2, 0.3), exponent)
+    model = Minnaert((0.1, 0.2, 0.3), exponent)
     wi, wv = directions(rng)
     expected = np.outer((wi[:, 2] * wv[:, 2]) ** exponent, (0.1, 0.2, 0.3))
     np.testing.assert_allclose(evaluate(model, wi, wv), expected, rtol=1e-12)
@@ -43,7 +43,7 @@ def test_lafortune_is_its_formula(exponent, rng):
 
 
 def test_lafortune_is_finite_at_the_horizon_and_black_below():
-    model = Lafortune((1.0, 1.0, 1.0), -8.0)
+    model = Minnaert((1.0, 1.0, 1.0), -8.0)
     grazing = np.array([[1.0, 0.0, 1e-12], [1.0, 0.0, 0.0]])
     for number in (None, backend.types("float32").Float):
         values = evaluate(model, grazing, grazing, number)
@@ -52,22 +52,22 @@ def test_lafortune_is_finite_at_the_horizon_and_black_below():
 
 
 def test_lafortune_is_stored(tmp_path):
-    write_reflectance(tmp_path / "l.h5", Lafortune((0.1, 0.2, 0.3), 2.5, name="glossy"))
-    again = read_reflectance(tmp_path / "l.h5")
+    write_brdf(tmp_path / "l.h5", Minnaert((0.1, 0.2, 0.3), 2.5, name="glossy"))
+    again = read_brdf(tmp_path / "l.h5")
     assert (again.exponent, again.name, again.k.tolist()) == (2.5, "glossy", [0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize("bad", [{"k": (1, 1)}, {"k": (-1, 0, 0)}, {"exponent": 101}])
 def test_bad_lafortune_is_refused(bad):
     with pytest.raises(SimrigError):
-        Lafortune(**bad)
+        Minnaert(**bad)
 
 
 @pytest.mark.parametrize("exponent", [-2.0, 0.0, 3.3, 15.0])
 @pytest.mark.parametrize("k", [1e-9, 0.4, 1e6])
 def test_fit_finds_the_model(k, exponent, rng):
     theta = np.radians(rng.uniform(0.0, 80.0, (2, 12)))
-    found = fit_lafortune(*theta, k * np.prod(np.cos(theta), axis=0) ** exponent)
+    found = fit_minnaert(*theta, k * np.prod(np.cos(theta), axis=0) ** exponent)
     assert found.exponent == pytest.approx(exponent, abs=1e-6)
     assert found.k == pytest.approx(k, rel=1e-6)
     assert found.residual < 1e-6
@@ -78,7 +78,7 @@ def test_fit_finds_the_model(k, exponent, rng):
 )
 def test_fit_of_values_that_say_nothing_is_constant(values, k):
     theta = np.radians([10.0, 30.0, 50.0, 70.0])
-    found = fit_lafortune(theta, theta, values)
+    found = fit_minnaert(theta, theta, values)
     assert found.exponent == pytest.approx(0.0, abs=1e-9)
     assert found.k == pytest.approx(k)
 
@@ -88,17 +88,18 @@ def test_fit_starts_beyond_a_spike():
     values = np.cos(theta) ** 4
     spiked = values.copy()
     spiked[14] *= 1e5
-    assert fit_lafortune(theta, theta, values).exponent == pytest.approx(2.0)
-    assert np.isfinite(fit_lafortune(theta, theta, spiked)).all()
+    assert fit_minnaert(theta, theta, values).exponent == pytest.approx(2.0)
+    assert np.isfinite(fit_minnaert(theta, theta, spiked)).all()
 
 
-def test_fit_refuses_what_is_no_reflectance():
+def test_fit_refuses_what_is_no_brdf():
     for bad in ([], [-1.0], [np.nan]):
         with pytest.raises(SimrigError):
-            fit_lafortune(np.zeros(len(bad)), np.zeros(len(bad)), np.array(bad))
+            fit_minnaert(np.zeros(len(bad)), np.zeros(len(bad)), np.array(bad))
 
 
-# --- elevations ----------------------------------------------------------------------------------
+# --- polar angles
+# ----------------------------------------------------------------------------------
 
 
 def test_weights_reach_the_limit_of_a_constant_mean():
@@ -110,12 +111,12 @@ def test_weights_reach_the_limit_of_a_constant_mean():
 
 
 @pytest.mark.parametrize("exponent", [-1.0, 0.0, 2.5])
-@pytest.mark.parametrize("elevations", [(30.0, 75.0), (15.0, 40.0, 60.0)])
-def test_method_b_reproduces_a_lafortune_lobe(exponent, elevations):
-    truth = Lafortune((0.3, 0.2, 0.1), exponent)
-    measurement = Gantry().measure(truth, GantryPlan.from_degrees(*elevations))
-    table = reconstruct_gantry(measurement, "b", theta_step_deg=7.5, azimuths=8).reflectance
-    theta = table.elevations
+@pytest.mark.parametrize("thetas", [(30.0, 75.0), (15.0, 40.0, 60.0)])
+def test_method_b_reproduces_a_lafortune_lobe(exponent, thetas):
+    truth = Minnaert((0.3, 0.2, 0.1), exponent)
+    measurement = Gantry().measure(truth, GantryPlan.from_degrees(*thetas))
+    table = reconstruct_gantry(measurement, "b", theta_step_deg=7.5, azimuths=8).brdf
+    theta = table.thetas
     nodes = to_vector(theta, 0.4)
     expected = evaluate(truth, nodes[:, None], nodes[None, :])
     np.testing.assert_allclose(table.values[:, :, 0, 3], expected, rtol=2e-6)
@@ -124,24 +125,24 @@ def test_method_b_reproduces_a_lafortune_lobe(exponent, elevations):
 @pytest.mark.parametrize("method", METHODS)
 def test_lambert_gives_lambert(method, rng):
     result = reconstruct_gantry(Gantry().measure(Lambert((0.1, 0.5, 0.9))), method, **SMALL)
-    values = evaluate(result.reflectance, *directions(rng))
+    values = evaluate(result.brdf, *directions(rng))
     np.testing.assert_allclose(values, np.tile([0.1, 0.5, 0.9], (200, 1)) / np.pi, rtol=1e-5)
     assert any("'sum'" in note for note in result.notes)
 
 
 @pytest.mark.parametrize("method", ["b", "bd"])
-def test_measured_elevations_are_kept(method):
+def test_measured_thetas_are_kept(method):
     truth = kurt_material("fabric112")
     measurement = Gantry().measure(truth)
     from simrig.reconstruction.gantry.subspace import subspaces
 
     measured = subspaces(measurement.plan, measurement.values, 12)
-    table = reconstruct_gantry(measurement, method, **SMALL).reflectance
+    table = reconstruct_gantry(measurement, method, **SMALL).brdf
     np.testing.assert_allclose(table.values[2::3, 2::3], measured, rtol=1e-4)
 
 
 def not_reciprocal() -> DenseTable:
-    """Return a table whose values depend on the elevation of the view twice as much."""
+    """Return a table whose values depend on the polar angle of the view twice as much."""
     theta = np.radians(np.arange(6) * 15.0)
     values = np.cos(theta)[:, None] * np.cos(theta)[None, :] ** 2 + 0.1
     return DenseTable(
@@ -152,7 +153,7 @@ def not_reciprocal() -> DenseTable:
 @pytest.mark.parametrize("method", METHODS)
 def test_what_is_not_reciprocal_stays_so(method):
     truth = not_reciprocal()
-    table = reconstruct_gantry(Gantry().measure(truth), method, **SMALL).reflectance
+    table = reconstruct_gantry(Gantry().measure(truth), method, **SMALL).brdf
     assert not table.reciprocal
     for i, v in ((2, 5), (5, 2)):
         np.testing.assert_allclose(table.values[i, v], truth.values[i, v, 0, 0, 0], rtol=1e-3)
@@ -162,7 +163,7 @@ def test_method_b_fills_with_the_course_of_the_mean():
     known, wanted = np.radians([30.0, 75.0]), np.radians([0.0, 30.0, 52.5, 75.0])
     measured = np.multiply.outer(np.cos(known) ** 3, np.cos(known) ** 3)
     measured = np.broadcast_to(measured[..., None, None, None], (2, 2, 4, 4, 3))
-    filled = fill_elevations(measured, known, wanted)
+    filled = fill_thetas(measured, known, wanted)
     expected = np.multiply.outer(np.cos(wanted) ** 3, np.cos(wanted) ** 3)
     np.testing.assert_allclose(filled[..., 1, 2, 0], expected, rtol=1e-9)
 
@@ -238,8 +239,8 @@ def test_method_a_says_its_condition_and_stays_within_what_was_measured():
     assert any("condition" in note for note in result.notes)
     assert any("logarithms" in note for note in result.notes)
     low, high = measurement.values.min(axis=0), measurement.values.max(axis=0)
-    assert np.all(result.reflectance.values >= 0.999 * low)
-    assert np.all(result.reflectance.values <= 1.001 * high)
+    assert np.all(result.brdf.values >= 0.999 * low)
+    assert np.all(result.brdf.values <= 1.001 * high)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +260,7 @@ def test_bad_settings_are_refused(settings, message):
 
 
 def test_result_renders_in_single_precision(rng):
-    table = reconstruct_gantry(Gantry().measure(kurt_material("wood01")), "b", **SMALL).reflectance
+    table = reconstruct_gantry(Gantry().measure(kurt_material("wood01")), "b", **SMALL).brdf
     wi, wv = directions(rng)
     single = evaluate(table, wi, wv, backend.types("float32").Float)
     np.testing.assert_allclose(single, evaluate(table, wi, wv), rtol=1e-4)

@@ -14,8 +14,8 @@ def test_gantry_method_takes_at_most_the_samples_and_minutes_not_hours():
     result = method("gantry_b").run(Gonioreflectometer(), kurt_material("wood01"), 170)
     assert result.samples == 168
     assert result.hardware_seconds == pytest.approx(360.0)
-    assert result.bytes == result.reflectance.values.nbytes
-    assert "elevations 30°, 75°" in result.notes[0] and "'sum'" in result.notes[1]
+    assert result.bytes == result.brdf.values.nbytes
+    assert "polar angles 30°, 75°" in result.notes[0] and "'sum'" in result.notes[1]
 
 
 @pytest.mark.parametrize("name", ["gantry_a", "gantry_b", "gantry_bd"])

@@ -13,7 +13,7 @@ from simrig.brdf import Lambert
 from simrig.evaluation.studies import isotropic_measured
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.gantry import methods as gantry_methods
-from simrig.evaluation.studies.gantry import polar_angles as gantry_elevations
+from simrig.evaluation.studies.gantry import polar_angles as gantry_thetas
 from simrig.evaluation.studies.gantry import slices as gantry_slices
 from simrig.evaluation.studies.gantry.trials import Picture, gantry_trial
 from simrig.plans.gantry import GantryPlan
@@ -33,11 +33,11 @@ def test_a_trial_of_lambert_has_no_error_and_the_published_cost():
     assert (row["samples"], row["hardware_minutes"]) == (168, pytest.approx(6.0))
 
 
-def test_elevations_quick_preset_ranks_all_pairs(tmp_path):
-    study = gantry_elevations.STUDY
+def test_thetas_quick_preset_ranks_all_pairs(tmp_path):
+    study = gantry_thetas.STUDY
     found = run_study(study, study.presets["quick"], tmp_path)
     means = [mean["rmse"] for mean in found.summary["means"]]
-    assert means == sorted(means) and len(means) == len(gantry_elevations.PAIRS)
+    assert means == sorted(means) and len(means) == len(gantry_thetas.PAIRS)
     text = shown(study, found)
     assert "45/75" in text and "published" in text
     assert "192 samples, 6.0 min, " in text, "errors are shown with what they cost"
@@ -50,16 +50,12 @@ def test_elevations_quick_preset_ranks_all_pairs(tmp_path):
 def test_slices_quick_preset_shows_that_slices_pay(tmp_path):
     study = gantry_slices.STUDY
     found = run_study(study, study.presets["quick"], tmp_path)
-    psnr = {
-        (m["elevations"], m["slices"], m["combination"]): m["psnr"] for m in found.summary["means"]
-    }
-    for elevations in ("2", "4, low"):
-        assert psnr[elevations, 4, "corners"] > psnr[elevations, 1, "corners"] + 2.0
+    psnr = {(m["thetas"], m["slices"], m["combination"]): m["psnr"] for m in found.summary["means"]}
+    for thetas in ("2", "4, low"):
+        assert psnr[thetas, 4, "corners"] > psnr[thetas, 1, "corners"] + 2.0
     assert psnr["4, low", 4, "corners"] > psnr["2", 4, "corners"]
     assert "4 + 4" in shown(study, found) and "1 + 1, sum" in shown(study, found)
-    eight = next(
-        m for m in found.summary["means"] if m["elevations"] == "4, low" and m["slices"] == 4
-    )
+    eight = next(m for m in found.summary["means"] if m["thetas"] == "4, low" and m["slices"] == 4)
     assert eight["hardware_minutes"] == pytest.approx(7.0, rel=0.1)  # published: around 7
 
 

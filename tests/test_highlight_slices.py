@@ -6,7 +6,7 @@ import pytest
 
 from simrig.brdf import Lambert, Ward, evaluate, kurt_material
 from simrig.brdf.slices.highlight_slices import HighlightSlices
-from simrig.cli.reconstruct import Method, rebuilt
+from simrig.cli.reconstruct import Method, reconstructed
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.mre import mre_estimate
@@ -92,7 +92,7 @@ def test_anisotropic_highlights_come_out_better_than_by_d_1(name):
     assert errors[1] < 0.85 * errors[0]
 
 
-def test_a_narrow_mirror_highlight_has_no_hole_between_elevations():
+def test_a_narrow_mirror_highlight_has_no_hole_between_thetas():
     material = kurt_material("brushed_aluminium")
     former = reconstruct(measured(material, 14, 36, 6000))
     theta = np.radians([7.0, 21.0, 35.0, 49.0, 63.0, 75.0])
@@ -132,7 +132,7 @@ def lines(rng):
         yield np.abs(1e-2 * t), phi + 0 * t, theta + 0 * t, phi + 2 * t  # through the pole
 
 
-def test_no_jump_across_equal_elevations_mirror_direction_wrap_and_pole(rng, satin):
+def test_no_jump_across_equal_thetas_mirror_direction_wrap_and_pole(rng, satin):
     for line in lines(rng):
         values = satin.eval_angles(*line)
         steps = np.abs(np.diff(values, axis=0)).max(axis=0)
@@ -180,12 +180,12 @@ def test_stored_and_loaded_again(tmp_path, satin, rng):
 
 def test_the_command_line_rebuilds_a_measurement_along_slices(rng):
     measurement = measured(kurt_material("wood01"), samples=1700)
-    made = rebuilt(measurement, Method.IMPROVED, "pchip")
-    found = made.reflectance
+    made = reconstructed(measurement, Method.ALONG_HIGHLIGHTS, "pchip")
+    found = made.brdf
     expected = reconstruct_along_highlights(measurement, "pchip")
     angles = pairs(rng, 300)
     np.testing.assert_array_equal(found.eval_angles(*angles), expected.eval_angles(*angles))
-    assert (made.method, made.interpolation, made.notes) == ("improved", "pchip", ())
+    assert (made.method, made.interpolation, made.notes) == ("along-highlights", "pchip", ())
     assert found.kind == "highlight_slices"
 
 

@@ -61,9 +61,9 @@ def slanted(theta_i, theta_v, a_n=2, exchanged=False):
     return HighlightSubspace(corners, axial, diagonal, *np.radians([theta_i, theta_v])), value
 
 
-@pytest.mark.parametrize("elevations", [(30, 75), (75, 30), (10, 12)])
-def test_the_turn_of_the_half_vector_is_that_of_the_vectors(elevations, rng):
-    theta_i, theta_v = np.radians(elevations)
+@pytest.mark.parametrize("thetas", [(30, 75), (75, 30), (10, 12)])
+def test_the_turn_of_the_half_vector_is_that_of_the_vectors(thetas, rng):
+    theta_i, theta_v = np.radians(thetas)
     d, m = rng.uniform(0, np.pi, 500), rng.uniform(0, TURN, 500)
     x = np.sin(theta_i) * np.cos(m - d) + np.sin(theta_v) * np.cos(m + d)
     y = np.sin(theta_i) * np.sin(m - d) + np.sin(theta_v) * np.sin(m + d)
@@ -71,7 +71,7 @@ def test_the_turn_of_the_half_vector_is_that_of_the_vectors(elevations, rng):
     np.testing.assert_allclose(np.exp(1j * (m + turn)), (x + 1j * y) / np.hypot(x, y), atol=1e-12)
 
 
-def test_strength_is_zero_for_equal_elevations_and_one_at_the_pole():
+def test_strength_is_zero_for_equal_thetas_and_one_at_the_pole():
     equal, pole = np.radians([0.0, 1e-4, 30.0, 80.0]), np.radians([1e-4, 1.0, 60.0])
     assert np.all(shift_strength(equal, equal) == 0.0)
     assert np.all(shift_strength(0.0 * pole, pole)[1:] == 1.0)
@@ -90,10 +90,10 @@ def test_compression_and_its_inverse_keep_small_and_large_values(rng):
     assert offsets(np.zeros((5, 3))).tolist() == [1.0, 1.0, 1.0]
 
 
-@pytest.mark.parametrize("elevations", [(30, 75), (75, 30), (60, 60), (40, 40.5)])
+@pytest.mark.parametrize("thetas", [(30, 75), (75, 30), (60, 60), (40, 40.5)])
 @pytest.mark.parametrize("a_n", [1, 2, 3, 4])
-def test_it_is_exact_on_the_slices(elevations, a_n):
-    subspace, value = slanted(*elevations, a_n=a_n)
+def test_it_is_exact_on_the_slices(thetas, a_n):
+    subspace, value = slanted(*thetas, a_n=a_n)
     position = np.radians(np.arange(0.0, 360.0, 1.0))
     for row in range(a_n):
         fixed = np.full(position.shape, row * np.pi / a_n)
@@ -103,23 +103,23 @@ def test_it_is_exact_on_the_slices(elevations, a_n):
             )
 
 
-@pytest.mark.parametrize("elevations", [(30, 75), (60, 60), (20, 21)])
+@pytest.mark.parametrize("thetas", [(30, 75), (60, 60), (20, 21)])
 @pytest.mark.parametrize("step", [360, 180, 90])
-def test_it_is_section_5_3_for_an_isotropic_material(elevations, step):
+def test_it_is_section_5_3_for_an_isotropic_material(thetas, step):
     material = Ward((0.1, 0.2, 0.05), (0.3, 0.2, 0.1), 0.2, 0.2)
-    former, improved = both(material, place(*elevations, step), 480)
+    former, along = both(material, place(*thetas, step), 480)
     # the splines along the slices are of other values, and so differ a little
-    np.testing.assert_allclose(improved.picture(90), former.picture(90), rtol=5e-3)
+    np.testing.assert_allclose(along.picture(90), former.picture(90), rtol=5e-3)
 
 
 @pytest.mark.parametrize(
-    ("elevations", "step"),
+    ("thetas", "step"),
     [((15, 60), 360), ((30, 75), 360), ((30, 75), 180), ((45, 75), 180)],
 )
-def test_an_anisotropic_ward_highlight_comes_out_better_than_by_section_5_3(elevations, step):
+def test_an_anisotropic_ward_highlight_comes_out_better_than_by_section_5_3(thetas, step):
     material = Ward((0.05, 0.05, 0.05), (0.3, 0.3, 0.3), 0.2, 0.8)
-    where = place(*elevations, step)
-    former, improved = both(material, where, 96 if step == 360 else 192)
+    where = place(*thetas, step)
+    former, along = both(material, where, 96 if step == 360 else 192)
     phi = np.arange(0.0, TURN, TURN / 90)
     phi_i, phi_v = (a.ravel() for a in np.meshgrid(phi, phi, indexing="ij"))
     expected = truth(material, where, phi_i, phi_v)
@@ -127,7 +127,7 @@ def test_an_anisotropic_ward_highlight_comes_out_better_than_by_section_5_3(elev
     def error(subspace):
         return np.sqrt(np.mean((subspace.eval(phi_i, phi_v) - expected) ** 2))
 
-    assert error(improved) < 0.8 * error(former)
+    assert error(along) < 0.8 * error(former)
 
 
 def test_many_slices_converge_to_the_material():
@@ -152,9 +152,9 @@ def test_no_jump_anywhere_across_both_azimuths(a_n, apart_deg):
             assert steps.max() < 0.05  # of values up to 12; a jump of one turn would be near 1
 
 
-def test_no_jump_from_equal_to_different_elevations():
+def test_no_jump_from_equal_to_different_thetas():
     phi_i, phi_v = np.random.default_rng(1).uniform(0, TURN, (2, 4000))
-    mirror = phi_i + np.pi  # theta_h = 0 at equal elevations
+    mirror = phi_i + np.pi  # theta_h = 0 at equal polar angles
     for other in (phi_v, mirror):
         values = []
         for apart in (0.0, 1e-6, 1e-4):
@@ -172,7 +172,7 @@ def test_azimuths_one_ulp_beside_a_turn_give_the_same_value():
         np.testing.assert_allclose(found, base, rtol=1e-12)
 
 
-def test_exchange_of_light_and_view_at_equal_elevations():
+def test_exchange_of_light_and_view_at_equal_thetas():
     _, subspace = both(kurt_material("yellow_satin"), place(60, 60, 90), 200)
     phi_i, phi_v = np.random.default_rng(2).uniform(0, TURN, (2, 3000))
     np.testing.assert_allclose(subspace.eval(phi_i, phi_v), subspace.eval(phi_v, phi_i), rtol=1e-6)
@@ -210,9 +210,9 @@ def test_one_slice_of_each_kind_needs_two_samples():
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("elevations", [(30, 75), (60, 60), (30, 30.2)])
-def test_dr_jit_equals_numpy(rng, precision, elevations):
-    _, subspace = both(kurt_material("wood01"), place(*elevations, 120), 200)
+@pytest.mark.parametrize("thetas", [(30, 75), (60, 60), (30, 30.2)])
+def test_dr_jit_equals_numpy(rng, precision, thetas):
+    _, subspace = both(kurt_material("wood01"), place(*thetas, 120), 200)
     types = backend.types(precision)
     phi_i, phi_v = rng.uniform(-7, 7, (2, 5000))
     expected = subspace.eval(phi_i, phi_v)

@@ -108,7 +108,7 @@ def test_an_interrupted_measurement_goes_on(tmp_path):
         ({"values": np.full((435, 3), np.nan)}, "negative, infinite or NaN"),
         ({"values": np.full((435, 3), -1.0)}, "negative, infinite or NaN"),
         ({"values": np.ones((434, 3))}, "needs angles"),
-        ({"angles": np.full((435, 4), 1.6)}, "elevations in"),
+        ({"angles": np.full((435, 4), 1.6)}, "polar angles in"),
         ({"angles": np.empty((0, 4)), "values": np.empty((0, 3))}, "at least one sample"),
     ],
 )
@@ -149,7 +149,7 @@ def test_slices_are_no_table_of_pairs(measured):
     for name in ("barycentric", "regular_grid"):
         with pytest.raises(SimrigError, match="needs every pair"):
             reconstruct_by_name(name, along)
-    assert "300" in reconstruct_by_name("rbf_local", along).reflectance.name
+    assert "300" in reconstruct_by_name("rbf_local", along).brdf.name
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (5, 7), (8, 18)])
@@ -184,7 +184,7 @@ def test_a_method_approaches_the_truth(name):
     overhead = name.startswith("slices")
     assert result.hardware_seconds == UTIA_TIMING.seconds(result.samples, adaptive=overhead)
     assert result.bytes > 0 and result.reconstruction_seconds > 0.0 and result.notes
-    assert mre_estimate(truth, result.reflectance, 2000, step_deg=8.0).percent < 45.0
+    assert mre_estimate(truth, result.brdf, 2000, step_deg=8.0).percent < 45.0
 
 
 @pytest.mark.parametrize("name", list(METHODS))

@@ -13,8 +13,8 @@ from simrig.brdf import Lambert, kurt_material
 from simrig.core.errors import SimrigError
 from simrig.evaluation.comparison import (
     IMAGE_METRICS,
+    compare_brdfs,
     compare_images,
-    compare_reflectances,
     metric_table,
 )
 from simrig.evaluation.metrics import images as metrics
@@ -284,9 +284,9 @@ def test_unknown_formula():
         metrics.delta_e_map(np.ones((2, 2, 3)), np.ones((2, 2, 3)), formula="1994")
 
 
-def test_reflectances_compared_by_hand():
+def test_brdfs_compared_by_hand():
     truth, double = Lambert((0.2, 0.4, 0.3)), Lambert((0.4, 0.8, 0.6))
-    result = compare_reflectances(truth, double, step_deg=20.0)
+    result = compare_brdfs(truth, double, step_deg=20.0)
     assert result.mre == pytest.approx(100.0, rel=1e-6)
     mean_square = (0.2**2 + 0.4**2 + 0.3**2) / 3 / math.pi**2
     assert result.rmse == pytest.approx(math.sqrt(mean_square), rel=1e-6)
@@ -294,7 +294,7 @@ def test_reflectances_compared_by_hand():
     assert result.log_psnr == pytest.approx(expected, rel=1e-6)
 
 
-def test_reflectances_log_psnr_agrees_with_the_definition_on_arrays():
+def test_brdfs_log_psnr_agrees_with_the_definition_on_arrays():
     from simrig.brdf import evaluate
     from simrig.directions import to_vector
 
@@ -303,9 +303,9 @@ def test_reflectances_log_psnr_agrees_with_the_definition_on_arrays():
     ti, tv, pi, pv = np.meshgrid(theta, theta, phi, phi, indexing="ij")
     wi, wv = to_vector(ti, pi), to_vector(tv, pv)
     f, g = evaluate(truth, wi, wv), evaluate(other, wi, wv)
-    result = compare_reflectances(truth, other, step_deg=20.0)
+    result = compare_brdfs(truth, other, step_deg=20.0)
     assert result.log_psnr == pytest.approx(metrics.log_psnr(f, g), abs=1e-3)
     assert result.rmse == pytest.approx(float(np.sqrt(np.mean((f - g) ** 2))), rel=1e-4)
     assert result.to_dict()["excluded"] == 0
-    same = compare_reflectances(truth, truth, step_deg=20.0)
+    same = compare_brdfs(truth, truth, step_deg=20.0)
     assert same.mre == 0.0 and same.to_dict()["log_psnr"] is None

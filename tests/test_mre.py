@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simrig.brdf import Kurt, Lambert, Reflectance, evaluate, kurt_material
+from simrig.brdf import Brdf, Kurt, Lambert, evaluate, kurt_material
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.evaluation.metrics.angular_grid import AngularGrid, grid_sums
 from simrig.evaluation.metrics.mre import mre_estimate, mre_exact
 
-STEP = 20.0  # 5 × 5 elevation pairs, 18 × 18 azimuths: 8,100 direction pairs
+STEP = 20.0  # 5 × 5 polar angle pairs, 18 × 18 azimuths: 8,100 direction pairs
 GRID = AngularGrid(STEP, 80.0)
 
 
-class Shadowed(Reflectance):
+class Shadowed(Brdf):
     """Lambert with nothing where the light comes from x < 0; not reciprocal."""
 
     name = "shadowed"
@@ -45,12 +45,12 @@ def rougher(name: str, factor: float = 1.2) -> Kurt:
     return Kurt(k_d=material.k_d, lobes=lobes)
 
 
-def dense(reflectance: Reflectance, grid: AngularGrid) -> np.ndarray:
-    """Evaluate a reflectance on a grid in float64, by the order of axes of the definition."""
-    theta = np.radians(grid.step_deg) * np.arange(grid.elevations)
+def dense(brdf: Brdf, grid: AngularGrid) -> np.ndarray:
+    """Evaluate a BRDF on a grid in float64, by the order of axes of the definition."""
+    theta = np.radians(grid.step_deg) * np.arange(grid.thetas)
     phi = np.radians(grid.step_deg) * np.arange(grid.azimuths)
     theta_i, theta_v, phi_i, phi_v = np.meshgrid(theta, theta, phi, phi, indexing="ij")
-    return evaluate(reflectance, to_vector(theta_i, phi_i), to_vector(theta_v, phi_v))
+    return evaluate(brdf, to_vector(theta_i, phi_i), to_vector(theta_v, phi_v))
 
 
 def by_definition(f: np.ndarray, g: np.ndarray) -> float:
@@ -72,7 +72,7 @@ def test_exact_is_the_definition(name):
     )
     assert half.exact and half.standard_error_percent == 0.0 and half.excluded == 0
     assert full.directions == GRID.directions == 8100
-    assert half.directions == 15 * 18 * 18  # reciprocity: 15 of 25 elevation pairs
+    assert half.directions == 15 * 18 * 18  # reciprocity: 15 of 25 polar angle pairs
 
 
 def test_known_values():
@@ -156,7 +156,7 @@ def test_wrong_shapes_and_samples():
         mre_estimate(Lambert(), Lambert(), 200, step_deg=STEP, relative_standard_error=0.0)
 
 
-def test_sums_by_elevation_add_up():
+def test_sums_by_theta_add_up():
     truth, other = kurt_material("wood01"), rougher("wood01")
     sums = grid_sums(truth, other, GRID)
     f, g = dense(truth, GRID), dense(other, GRID)

@@ -60,7 +60,7 @@ def summarised(*rows: dict[str, Any]) -> dict[str, Any]:
 
 
 CHEAP, GOOD = row("gantry_b", 168, 0.1, 20.0), row("slices", 2000, 8.0, 5.0)
-POOR, BEST = row("barycentric", 1891, 7.0, 9.0), row("improved", 8911, 25.0, 1.0)
+POOR, BEST = row("barycentric", 1891, 7.0, 9.0), row("along-highlights", 8911, 25.0, 1.0)
 ONE = summarised(CHEAP, GOOD, POOR, BEST)["subjects"][0]
 
 
@@ -100,7 +100,7 @@ def test_compilation_counts_apart() -> None:
         ({"budget_hours": 10.0}, "slices", "within 10 h: choose slices with 2,000 samples: 8 h"),
         ({"budget_hours": 0.01}, None, "nothing that was tried will do; the nearest is gantry_b"),
         ({"error": 9.5}, "barycentric", "for MRE ≤ 9.5: choose barycentric with 1,891 samples"),
-        ({"error": 0.5}, None, "nothing that was tried will do; the nearest is improved"),
+        ({"error": 0.5}, None, "nothing that was tried will do; the nearest is along-highlights"),
     ],
 )
 def test_advice_is_one_line(wish: dict, method: str | None, words: str) -> None:
@@ -137,7 +137,7 @@ def test_a_plan_that_repeats_itself_is_shown_once() -> None:
 def test_look_ups_give_the_picture_that_the_plugin_renders(name: str) -> None:
     truth = kurt_material("purple_satin")
     picture = SpherePicture(truth, pixels=24, lights=4)
-    made = METHODS[name].run(Gonioreflectometer(), truth, 435).reflectance
+    made = METHODS[name].run(Gonioreflectometer(), truth, 435).brdf
     rendered, looked_up = picture.rendered(made), picture.looked_up(made)
     assert np.allclose(rendered, looked_up, rtol=2e-3, atol=1e-4 * rendered.max())
     assert picture.compare(truth).delta_e == 0.0 < picture.compare(made).delta_e
@@ -145,7 +145,7 @@ def test_look_ups_give_the_picture_that_the_plugin_renders(name: str) -> None:
 
 def test_radial_basis_functions_have_a_picture_too() -> None:
     truth = kurt_material("wood01")
-    made = METHODS["rbf_local"].run(Gonioreflectometer(), truth, 435).reflectance
+    made = METHODS["rbf_local"].run(Gonioreflectometer(), truth, 435).brdf
     error = SpherePicture(truth, pixels=16, lights=2).compare(made)
     assert error.by == "look-ups" and 0.0 < error.delta_e < 5.0 and error.psnr > 20.0
 

@@ -24,7 +24,7 @@ from simrig.reconstruction.slices.tables import reconstruct
 GRID = AngularGrid(10.0, 80.0)
 SMALL = {
     **placement.PRESETS["quick"],
-    "elevation_steps_deg": [28.0, 20.0],
+    "theta_steps_deg": [28.0, 20.0],
     "azimuth_steps_deg": [180.0, 60.0],
     "materials": ["purple_satin", "wood01", "wood01_rescaled"],
     "samples": [55, 400, 2000],
@@ -38,7 +38,7 @@ def rows(errors: dict[str, dict[tuple[float, float], dict[int, float]]]) -> list
     return [
         {
             "material": name,
-            "elevation_step_deg": e_s,
+            "theta_step_deg": e_s,
             "azimuth_step_deg": a_s,
             "samples": samples,
             "mre_percent": error,
@@ -100,13 +100,13 @@ def test_the_full_preset_has_the_size_of_the_published_study() -> None:
     cells = placement.cells(full)
     assert len(cells) * len(KURT_MATERIALS) == pytest.approx(20_646, rel=0.005)
     assert {cell["samples"] for cell in cells} >= {55, 354_061}, "the range of section 5.6.4"
-    steps = {(cell["elevation_step_deg"], cell["azimuth_step_deg"]) for cell in cells}
+    steps = {(cell["theta_step_deg"], cell["azimuth_step_deg"]) for cell in cells}
     assert len(steps) == 40
     for _, e_s, a_s in TABLE_5_1:
         assert (float(e_s), float(a_s)) in steps
     for cell in placement.cells(placement.PRESETS["quick"]):
         start = SlicePlacement.from_degrees(
-            cell["elevation_step_deg"], cell["azimuth_step_deg"]
+            cell["theta_step_deg"], cell["azimuth_step_deg"]
         ).intersections
         assert start <= cell["samples"] <= 16 * start
 
@@ -119,8 +119,8 @@ def test_the_published_table_5_4_has_its_printed_mean() -> None:
 def test_the_choice_changes_where_the_curves_cross() -> None:
     found = summarise_rows(rows(CROSSING), ["wood01"])
     first, second = found["table_5_1"]
-    assert (first["elevation_step_deg"], first["azimuth_step_deg"]) == SPARSE
-    assert (second["elevation_step_deg"], second["azimuth_step_deg"]) == FINE
+    assert (first["theta_step_deg"], first["azimuth_step_deg"]) == SPARSE
+    assert (second["theta_step_deg"], second["azimuth_step_deg"]) == FINE
     assert first["from"] == 100 and second["up_to"] == 10_000
     assert first["up_to"] == pytest.approx(1000, rel=0.003) == second["from"]
     # with one material the choice for all is the best for it
@@ -129,7 +129,7 @@ def test_the_choice_changes_where_the_curves_cross() -> None:
     published = {row["up_to"]: row for row in found["published"]}
     assert published[667]["loss"] == pytest.approx(1.0)
     assert published[667]["ours"] == [
-        {"elevation_step_deg": 28.0, "azimuth_step_deg": 180.0, "share": 1.0}
+        {"theta_step_deg": 28.0, "azimuth_step_deg": 180.0, "share": 1.0}
     ]
     assert published[4928]["loss"] is None, "14/60 was not studied"
     assert published[2272]["loss"] == pytest.approx(1.0)
@@ -155,13 +155,13 @@ def test_leaving_a_material_out_shows_what_it_decides() -> None:
     }
     found = summarise_rows(rows(flat), list(flat))
     (choice,) = found["table_5_1"]
-    assert choice["elevation_step_deg"] == 20.0  # 1 + 2 + 2 < 8 + 1 + 1
+    assert choice["theta_step_deg"] == 20.0  # 1 + 2 + 2 < 8 + 1 + 1
     assert [row["ours"] for row in found["table_5_4"]] == pytest.approx([1.0, 2.0, 2.0])
     without = {row["material"]: row for row in found["leave_one_out"]}
     assert without["fabric041"]["same"] == 1.0 and without["fabric041"]["loss"] == 1.0
     assert without["wood01"]["same"] == 0.0
     assert without["wood01"]["loss"] == pytest.approx(10.0 / 5.0)
-    assert without["wood01"]["table_5_1"][0]["elevation_step_deg"] == 28.0
+    assert without["wood01"]["table_5_1"][0]["theta_step_deg"] == 28.0
 
 
 def test_a_small_study_finds_that_finer_slices_pay_later(tmp_path: Path) -> None:

@@ -97,8 +97,8 @@ def test_the_energy_of_a_single_bright_pixel_is_kept() -> None:
 def test_what_lights_change_is_bounded(metric: str, count: int) -> None:
     subject = SceneSubject(scene_source(map_scene()))
     tolerance = parse_tolerance(metric)
-    looked = MapAndLights(subject, shadows=False)
-    bound = looked.change(subject.display(tolerance), count)
+    probed = MapAndLights(subject, shadows=False)
+    bound = probed.change(subject.display(tolerance), count)
     render = rendering.render(subject.scene, 2048, 1, {"type": "direct"}).image.astype(float)
     integrator = {"type": "simrig_all_lights", "shadows": False, "hide_emitters": False}
     integrator["lights"] = as_tensor(subject.environment.lights(count))

@@ -15,15 +15,15 @@ from simrig.files.load import load_material
 from simrig.planning import plan_scene, planned_integrator, planned_render
 from simrig.planning.change import Display
 from simrig.planning.indirect import (
+    BOUNCES,
     MORE_PATHS,
-    ORDERS,
     PATHS,
-    PathLook,
-    look_at_paths,
+    PathProbe,
+    probe_paths,
     sampled_changes,
 )
 from simrig.planning.interreflection import with_more_paths
-from simrig.planning.probe import look_at_surfaces
+from simrig.planning.probe import probe_surfaces
 from simrig.planning.survey import Survey
 from simrig.planning.transport import narrow_highlights
 from simrig.plugins import make_bsdf
@@ -80,7 +80,7 @@ SKY = {"type": "constant", "radiance": 0.3}
 def test_each_depth_is_that_of_path_tracing(lights: dict[str, Any], hidden: bool) -> None:
     """Means over the picture; both have 2^18 paths, so they differ by noise alone."""
     scene = mixed_scene(**lights)
-    found = look_at_paths(scene, len(lights) == 1, hidden)
+    found = probe_paths(scene, len(lights) == 1, hidden)
     means = np.cumsum(found.halves.mean(axis=(1, 2)), axis=0)
     for depth in (2, 3, 5, -1):
         integrator = {"type": "path", "max_depth": depth, "hide_emitters": hidden}
@@ -91,13 +91,13 @@ def test_each_depth_is_that_of_path_tracing(lights: dict[str, Any], hidden: bool
         np.testing.assert_allclose(samples.mean(axis=(0, 1)), expected, rtol=0.04)
 
 
-def made_up(direct: float, indirect: float, largest: float, paths: int) -> PathLook:
+def made_up(direct: float, indirect: float, largest: float, paths: int) -> PathProbe:
     """Return a look at 64 grey pixels whose indirect light is all of the first order."""
-    halves = np.zeros((ORDERS + 1, 64, 2, 3))
+    halves = np.zeros((BOUNCES + 1, 64, 2, 3))
     halves[0], halves[1] = direct, indirect
-    tail = np.zeros(ORDERS)
+    tail = np.zeros(BOUNCES)
     tail[0] = largest
-    return PathLook(halves, tail, paths, 1e-7, [])
+    return PathProbe(halves, tail, paths, 1e-7, [])
 
 
 def test_what_no_path_met_is_allowed_for() -> None:
@@ -141,10 +141,10 @@ def test_an_unseen_event_counts_most_where_the_picture_is_dark() -> None:
 def test_noise_and_its_bias_enter_the_bound() -> None:
     """Halves far apart make a concave measure too small; the bound is above the true change."""
     true = sampled_changes(made_up(0.01, 0.02, 0.0, 1 << 30), DISPLAY, 0.0)[0].estimate
-    look = made_up(0.01, 0.0, 0.0, 1 << 30)
+    probe = made_up(0.01, 0.0, 0.0, 1 << 30)
     four_ways = np.array([[0.0, 0.0], [0.0, 0.04], [0.04, 0.0], [0.04, 0.04]])
-    look.halves[1] = np.tile(four_ways, (16, 1))[..., None]  # 0.02 on average
-    found = sampled_changes(look, DISPLAY, 0.0)[0]
+    probe.halves[1] = np.tile(four_ways, (16, 1))[..., None]  # 0.02 on average
+    found = sampled_changes(probe, DISPLAY, 0.0)[0]
     assert found.estimate < true < found.bound and found.estimate < found.floor < found.bound
 
 
@@ -164,7 +164,7 @@ def neighbours(alpha: float) -> Any:
 def test_lobes_too_narrow_to_be_found_count_with_their_peak() -> None:
     for alpha, narrow in ((0.2, False), (0.003, True)):
         survey = Survey(neighbours(alpha))
-        found = narrow_highlights(survey, look_at_surfaces(survey.scene, survey.bodies))
+        found = narrow_highlights(survey, probe_surfaces(survey.scene, survey.bodies))
         assert bool(found.any()) is narrow
     assert found.max() > 1e3
 

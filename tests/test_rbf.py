@@ -71,10 +71,10 @@ def test_the_condition_is_that_of_the_system(rng):
 
 @pytest.mark.parametrize(("precision", "tolerance"), [("float32", 1e-4), ("float64", 1e-9)])
 def test_the_compiled_sum_is_that_of_numpy(precision, tolerance, measurement, rng):
-    reflectance = reconstruct_rbf(measurement).reflectance
+    brdf = reconstruct_rbf(measurement).brdf
     wi, wv = pairs(rng, 2001)
-    host = evaluate(reflectance, wi, wv)
-    device = evaluate(reflectance, wi, wv, backend.types(precision).Float)
+    host = evaluate(brdf, wi, wv)
+    device = evaluate(brdf, wi, wv, backend.types(precision).Float)
     np.testing.assert_allclose(device, host, rtol=tolerance)  # of the directions in float32
 
 
@@ -84,35 +84,33 @@ def test_exact_at_the_samples(neighbours, logarithms, measurement):
     wi = to_vector(measurement.theta_i, measurement.phi_i)
     wv = to_vector(measurement.theta_v, measurement.phi_v)
     for first, second in ((wi, wv), (wv, wi)):
-        found = evaluate(result.reflectance, first, second)
+        found = evaluate(result.brdf, first, second)
         np.testing.assert_allclose(found, measurement.values, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("neighbours", "logarithms"), VARIANTS)
 def test_reciprocal_and_within_the_samples_range(neighbours, logarithms, measurement, rng):
-    reflectance = reconstruct_rbf(measurement, neighbours, logarithms=logarithms).reflectance
+    brdf = reconstruct_rbf(measurement, neighbours, logarithms=logarithms).brdf
     wi, wv = pairs(rng, 300, np.pi / 2)
-    there, back = evaluate(reflectance, wi, wv), evaluate(reflectance, wv, wi)
+    there, back = evaluate(brdf, wi, wv), evaluate(brdf, wv, wi)
     np.testing.assert_allclose(there, back, rtol=1e-9)
     low, high = measurement.values.min(axis=0), measurement.values.max(axis=0)
     assert np.all(there >= low) and np.all(there <= high)
 
 
 def test_a_global_spline_is_continuous_across_its_halves_the_wrap_and_the_normal(measurement, rng):
-    reflectance = reconstruct_rbf(measurement).reflectance
+    brdf = reconstruct_rbf(measurement).brdf
     theta, phi = rng.uniform(0.2, 1.3, 100), rng.uniform(0.0, 6.28, (2, 100))
     for offset in (-BAND, 0.0, BAND):  # the blending's ends and its middle
         sides = [
-            evaluate(
-                reflectance, to_vector(theta, phi[0]), to_vector(theta + offset + side, phi[1])
-            )
+            evaluate(brdf, to_vector(theta, phi[0]), to_vector(theta + offset + side, phi[1]))
             for side in (-1e-8, 1e-8)
         ]
         np.testing.assert_allclose(*sides, rtol=1e-5)
     wv = to_vector(theta, phi[1])
-    seam = [evaluate(reflectance, to_vector(theta, np.full(100, p)), wv) for p in (-1e-9, 1e-9)]
+    seam = [evaluate(brdf, to_vector(theta, np.full(100, p)), wv) for p in (-1e-9, 1e-9)]
     np.testing.assert_allclose(*seam, rtol=1e-6)
-    normal = [evaluate(reflectance, to_vector(np.full(100, t), phi[0]), wv) for t in (0.0, 1e-8)]
+    normal = [evaluate(brdf, to_vector(np.full(100, t), phi[0]), wv) for t in (0.0, 1e-8)]
     np.testing.assert_allclose(*normal, rtol=1e-5)
 
 
@@ -122,9 +120,9 @@ def test_a_one_way_material_keeps_its_halves(rng):
     values = np.where(ahead[:, None], 0.2, 0.1) * np.ones(3)
     result = reconstruct_rbf(replace(truth, values=values), reciprocal=False)
     low, high = to_vector(np.full(1, 0.2), np.ones(1)), to_vector(np.full(1, 1.2), np.ones(1))
-    np.testing.assert_allclose(evaluate(result.reflectance, low, high), 0.2, rtol=0.05)
-    np.testing.assert_allclose(evaluate(result.reflectance, high, low), 0.1, rtol=0.1)
-    assert not result.reflectance.reciprocal
+    np.testing.assert_allclose(evaluate(result.brdf, low, high), 0.2, rtol=0.05)
+    np.testing.assert_allclose(evaluate(result.brdf, high, low), 0.1, rtol=0.1)
+    assert not result.brdf.reciprocal
 
 
 @pytest.mark.parametrize("neighbours", [None, 50])
@@ -133,9 +131,9 @@ def test_few_samples_still_give_an_answer(neighbours, rng):
         few = random_measurement(rng, count)
         result = reconstruct_rbf(few, neighbours)
         wi, wv = to_vector(few.theta_i, few.phi_i), to_vector(few.theta_v, few.phi_v)
-        found = evaluate(result.reflectance, wi, wv)
+        found = evaluate(result.brdf, wi, wv)
         np.testing.assert_allclose(found, few.values, rtol=1e-6)
-        assert np.isfinite(evaluate(result.reflectance, *pairs(rng, 50))).all()
+        assert np.isfinite(evaluate(result.brdf, *pairs(rng, 50))).all()
 
 
 def test_repeated_samples_are_averaged_and_said(rng):
@@ -144,7 +142,7 @@ def test_repeated_samples_are_averaged_and_said(rng):
     twice = DirectionsMeasurement(np.tile(once.angles, (2, 1)), values, "twice", Cost())
     result = reconstruct_rbf(twice)
     wi, wv = to_vector(once.theta_i, once.phi_i), to_vector(once.theta_v, once.phi_v)
-    np.testing.assert_allclose(evaluate(result.reflectance, wi, wv), 2.0 * once.values, rtol=1e-6)
+    np.testing.assert_allclose(evaluate(result.brdf, wi, wv), 2.0 * once.values, rtol=1e-6)
     assert any("60 repeated samples merged" in note for note in result.notes)
 
 
@@ -169,7 +167,7 @@ def test_samples_closer_than_an_arm_repeats_are_one(neighbours, rng):
     result = reconstruct_rbf(DirectionsMeasurement(angles, values, "close", Cost()), neighbours)
     assert any("60 repeated samples merged" in note for note in result.notes)
     wi, wv = to_vector(once.theta_i, once.phi_i), to_vector(once.theta_v, once.phi_v)
-    np.testing.assert_allclose(evaluate(result.reflectance, wi, wv), 2.0 * once.values, rtol=1e-4)
+    np.testing.assert_allclose(evaluate(result.brdf, wi, wv), 2.0 * once.values, rtol=1e-4)
 
 
 def test_samples_on_a_plane_fall_back(rng):
@@ -179,10 +177,10 @@ def test_samples_on_a_plane_fall_back(rng):
     wi, wv = pairs(rng, 100)
     for neighbours in (None, 20):
         result = reconstruct_rbf(flat, neighbours)
-        assert np.isfinite(evaluate(result.reflectance, wi, wv)).all()
+        assert np.isfinite(evaluate(result.brdf, wi, wv)).all()
         at = to_vector(flat.theta_i, flat.phi_i), to_vector(flat.theta_v, flat.phi_v)
-        np.testing.assert_allclose(evaluate(result.reflectance, *at), flat.values, rtol=1e-5)
-    local = result.reflectance.splines[0]
+        np.testing.assert_allclose(evaluate(result.brdf, *at), flat.values, rtol=1e-5)
+    local = result.brdf.splines[0]
     assert isinstance(local, LocalSplines) and local.fallbacks > 0
 
 
@@ -196,12 +194,12 @@ def test_local_splines_are_those_of_scipy(rng):
 def test_blocks_and_progress(measurement, rng, monkeypatch):
     wi, wv = pairs(rng, 700)
     for neighbours in (None, 20):
-        reflectance = reconstruct_rbf(measurement, neighbours).reflectance
-        whole = reflectance.values(wi, wv)
+        brdf = reconstruct_rbf(measurement, neighbours).brdf
+        whole = brdf.values(wi, wv)
         told: list[tuple[int, int]] = []
         monkeypatch.setattr("simrig.brdf.tables.thin_plate._NUMPY_BLOCK", 40_000)
         monkeypatch.setattr(rbf, "_BLOCK", 100)
-        parts = reflectance.values(wi, wv, None, lambda *counts, told=told: told.append(counts))
+        parts = brdf.values(wi, wv, None, lambda *counts, told=told: told.append(counts))
         monkeypatch.undo()
         np.testing.assert_allclose(parts, whole, rtol=1e-9)
         assert len(told) > 5 and told[-1][0] == told[-1][1] >= 700
@@ -209,12 +207,12 @@ def test_blocks_and_progress(measurement, rng, monkeypatch):
 
 
 def test_tabulated_it_renders(measurement, rng):
-    reflectance = reconstruct_rbf(measurement).reflectance
+    brdf = reconstruct_rbf(measurement).brdf
     kind = backend.types("float32").Float
-    table = resample_dense(reflectance, np.radians(20.0), 18, float_type=kind)
+    table = resample_dense(brdf, np.radians(20.0), 18, float_type=kind)
     theta, phi = np.radians(20.0) * rng.integers(0, 5, (2, 50)), rng.integers(0, 18, (2, 50))
     wi, wv = (to_vector(t, p * np.radians(20.0)) for t, p in zip(theta, phi, strict=True))
-    np.testing.assert_allclose(evaluate(table, wi, wv), evaluate(reflectance, wi, wv), rtol=1e-3)
+    np.testing.assert_allclose(evaluate(table, wi, wv), evaluate(brdf, wi, wv), rtol=1e-3)
     assert table.reciprocal
 
 
@@ -233,4 +231,4 @@ def test_refusals(measurement, monkeypatch):
 
 def test_a_renderer_is_told_to_tabulate(measurement, variant_llvm):
     with pytest.raises(SimrigError, match="tabulate it first"):
-        make_bsdf(reconstruct_rbf(measurement).reflectance)
+        make_bsdf(reconstruct_rbf(measurement).brdf)

@@ -34,7 +34,7 @@ def test_the_regular_grid_is_exact_at_its_nodes() -> None:
     assert measurement.cost.samples == plan.samples
     table = reconstruct_regular_grid(measurement)
     rng = np.random.default_rng(5)
-    theta = rng.integers(0, plan.elevations, (2, 200)) * plan.theta_step
+    theta = rng.integers(0, plan.thetas, (2, 200)) * plan.theta_step
     phi = rng.integers(0, plan.azimuths, (2, 200)) * (2.0 * np.pi / plan.azimuths)
     wi, wv = to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
     np.testing.assert_allclose(evaluate(table, wi, wv), evaluate(truth, wi, wv), rtol=1e-5)

@@ -27,7 +27,7 @@ def test_timing_matches_the_published_hours():
     assert ratio == pytest.approx(1.1)
 
 
-def test_elevations_out_of_reach_are_refused():
+def test_thetas_out_of_reach_are_refused():
     with pytest.raises(SimrigError, match=r"\[0, 90\) degrees, got 90"):
         RIG.measure_directions(Lambert(), np.radians([[90.0, 10.0, 0.0, 0.0]]))
     limited = Lambert()

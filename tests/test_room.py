@@ -32,7 +32,7 @@ from simrig.viewing.room import (
 )
 from simrig.viewing.stimuli import materials as stimuli_materials
 from simrig.viewing.stimuli.materials import StimulusMaterial
-from simrig.viewing.structure.probe import btf_stimulus, look
+from simrig.viewing.structure.probe import btf_stimulus, probe
 
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 # squares that a small picture resolves
@@ -101,11 +101,11 @@ def test_distances_are_predicted_from_the_images_at_hand() -> None:
     shown = StimulusMaterial(bumps((16, 16)))
     coarse = StimulusMaterial(replace(shown.stack, name="twill_blue"))
     parts = {"walls": shown, "aisle": coarse, "carpet": shown}
-    looked_at = []
-    found = distances_mm("predicted", parts, lambda *call: looked_at.append(call))
-    assert [name for _, _, name in looked_at] == [shown.stack.name, "twill_blue"]
+    probed = []
+    found = distances_mm("predicted", parts, lambda *call: probed.append(call))
+    assert [name for _, _, name in probed] == [shown.stack.name, "twill_blue"]
     stimulus, known = btf_stimulus(shown.stack), PRESETS["twill_blue"].structure.element_mm
-    free, given = (1000.0 * look(stimulus, size).distances_m["saliency"] for size in (None, known))
+    free, given = (1000.0 * probe(stimulus, size).distances_m["saliency"] for size in (None, known))
     assert found == {"walls": free, "aisle": given, "carpet": free}
     assert distances_mm("groups", parts) == group_distances_mm()
 

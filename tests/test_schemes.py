@@ -8,7 +8,7 @@ import pytest
 from simrig.core.errors import SimrigError
 from simrig.directions import SCHEMES, HemisphereScheme, scheme, to_vector, uniform_scheme
 
-# thesis Table D.2: elevation and azimuth step in degrees of each ring, and number of directions
+# thesis Table D.2: polar angle and azimuth step in degrees of each ring, and number of directions
 TABLE_D2 = {
     1: ([(0, 360), (28, 60), (56, 36), (80, 30)], 29, 435),
     14: (
@@ -27,7 +27,7 @@ uniform = [uniform_scheme(index) for index in range(1, 31)]
 
 
 def _rings(directions: HemisphereScheme) -> list[tuple[float, np.ndarray]]:
-    """Return (elevation, azimuths) of each ring in degrees, in the order of the scheme."""
+    """Return (polar angle, azimuths) of each ring in degrees, in the order of the scheme."""
     theta, phi = np.degrees(directions.theta).round(6), np.degrees(directions.phi)
     starts = np.flatnonzero(np.diff(theta, prepend=-1.0))
     return [(float(theta[s]), p) for s, p in zip(starts, np.split(phi, starts[1:]), strict=True)]
@@ -57,10 +57,10 @@ def test_uniform_schemes_grow_from_29_to_841():
 @pytest.mark.parametrize("directions", uniform, ids=lambda directions: directions.name)
 def test_uniform_schemes_lie_on_the_grid_of_the_reference(directions):
     rings = _rings(directions)
-    elevations = np.array([theta for theta, _ in rings])
-    assert elevations[0] == 0.0 and elevations[-1] == 80.0
-    assert np.allclose(elevations % 2.0, 0.0)
-    assert np.all(np.diff(elevations[:-1]) == elevations[1])
+    thetas = np.array([theta for theta, _ in rings])
+    assert thetas[0] == 0.0 and thetas[-1] == 80.0
+    assert np.allclose(thetas % 2.0, 0.0)
+    assert np.all(np.diff(thetas[:-1]) == thetas[1])
     counts = [len(phi) for _, phi in rings]
     assert counts == sorted(counts), "rings outwards have no fewer directions"
     for count in counts[1:]:
@@ -76,8 +76,8 @@ def test_81_directions():
 
 def test_151_directions_have_the_published_rings():
     rings = _rings(scheme("hemisphere_151"))
-    elevations = [0.0, 11.0, 23.5, 30.0, 37.5, 45.0, 52.5, 60.0, 67.5, 75.0]
-    assert [theta for theta, _ in rings] == elevations
+    thetas = [0.0, 11.0, 23.5, 30.0, 37.5, 45.0, 52.5, 60.0, 67.5, 75.0]
+    assert [theta for theta, _ in rings] == thetas
     assert [len(phi) for _, phi in rings] == [1, 6, 12, 12, 12, 18, 18, 24, 24, 24]
     assert scheme("hemisphere_151").pair_count == 22801
 

@@ -1,4 +1,4 @@
-"""The reflectance that slices give, against D.1 written out and against itself."""
+"""The BRDF that slices give, against D.1 written out and against itself."""
 
 import itertools
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simrig.brdf import Lambert, evaluate
-from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.slices.slices import SliceBrdf
 from simrig.brdf.tables.grid import dense_grid, to_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError
@@ -24,12 +24,12 @@ def fabric(measured):
     return reconstruct(measured())
 
 
-def scalar_d1(reflectance, theta_i, phi_i, theta_v, phi_v):
+def scalar_d1(brdf, theta_i, phi_i, theta_v, phi_v):
     """D.1 written out for one direction pair, straight from the appendix, by plain loops."""
-    lay, data = reflectance.layout, reflectance.data()
+    lay, data = brdf.layout, brdf.data()
     a_n, a_s = lay.azimuth_count, lay.azimuth_step
-    i0, w = (float(t) for t in lay.elevation_cell(np.array(theta_i)))
-    v0, z = (float(t) for t in lay.elevation_cell(np.array(theta_v)))
+    i0, w = (float(t) for t in lay.theta_cell(np.array(theta_i)))
+    v0, z = (float(t) for t in lay.theta_cell(np.array(theta_v)))
     u, m = (phi_v - phi_i) % (2 * np.pi), None
     m = (phi_i + u / 2) % (2 * np.pi)
     j, k = int(u / a_s), int(m / (a_s / 2))
@@ -100,7 +100,7 @@ def scalar_d1(reflectance, theta_i, phi_i, theta_v, phi_v):
     return np.maximum(p + q + s + t - 3 * c, np.min(lowest, axis=0))
 
 
-def test_look_up_equals_d1_written_out_at_grid_elevations(rng, measured):
+def test_look_up_equals_d1_written_out_at_grid_thetas(rng, measured):
     result = reconstruct(measured(), one_pole=False)
     for _ in range(60):
         node = np.sort(rng.integers(0, result.layout.node_count, 2))
@@ -281,7 +281,7 @@ def test_bad_tables_are_refused(fabric):
     parts = {key: np.array(value) for key, value in fabric.data().items()}
     parts["axial"][0, 0, 0, 0] = -1.0
     with pytest.raises(SimrigError, match="negative"):
-        SliceReflectance(fabric.layout, **parts)
+        SliceBrdf(fabric.layout, **parts)
     parts["axial"] = parts["axial"][1:]
     with pytest.raises(SimrigError, match="shape"):
-        SliceReflectance(fabric.layout, **parts)
+        SliceBrdf(fabric.layout, **parts)

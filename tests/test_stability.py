@@ -12,14 +12,14 @@ from simrig.core.arrays import components, namespace
 from simrig.core.errors import SimrigError
 from simrig.directions import to_angles
 from simrig.evaluation.stability.hard_cases import (
-    REFLECTANCE_VALUES,
+    BRDF_VALUES,
     case_names,
     hard_case,
     hard_cases,
 )
 from simrig.evaluation.stability.judgement import PRECISIONS
 from simrig.evaluation.stability.rows import stability_data, stability_markdown, stability_summary
-from simrig.evaluation.stability.subjects import default_reflectances
+from simrig.evaluation.stability.subjects import default_brdfs
 from simrig.evaluation.stability.suite import stability_table
 
 
@@ -35,7 +35,7 @@ def test_everything_is_finite_non_negative_and_explained(table):
 
 def test_table_is_complete(table):
     names = {row.object for row in table}
-    assert {reflectance.name for reflectance in default_reflectances()} < names
+    assert {brdf.name for brdf in default_brdfs()} < names
     assert {"spherical", "half-difference", "onion", "slices", "dense_table"} < names
     assert {row.case for row in table} == set(case_names())
     assert {row.precision for row in table} == set(PRECISIONS)
@@ -103,7 +103,7 @@ def test_where_is_where_it_happens():
     assert not row.explained
 
 
-@pytest.mark.parametrize("value", REFLECTANCE_VALUES)
+@pytest.mark.parametrize("value", BRDF_VALUES)
 def test_values_of_any_size_keep_their_precision(value):
     ward = Ward((value,) * 3, (value,) * 3, 0.2, 0.2)
     rows = stability_table([ward], [])

@@ -215,8 +215,8 @@ def test_a_planted_flaw_of_a_spline_is_found(monkeypatch):
 
 def test_plugins_are_clean(variant_llvm):
     narrow = Ward(k_d=(0.0,) * 3, m_x=0.005, m_y=3.0, name="narrow")
-    for reflectance in (narrow, small_slices()):
-        rows = plugin_rows(reflectance.name, make_bsdf(reflectance), hard_cases(), variant_llvm)
+    for brdf in (narrow, small_slices()):
+        rows = plugin_rows(brdf.name, make_bsdf(brdf), hard_cases(), variant_llvm)
         assert all(row.explained for row in rows), stability_markdown(rows, every_case=True)
         assert {row.precision for row in rows} == {variant_llvm}
         assert len(rows) == 3 * len(hard_cases(1))
@@ -231,8 +231,8 @@ def test_plugins_are_clean(variant_llvm):
     ],
 )
 def test_flawed_plugins_are_flagged(variant_llvm, monkeypatch, part, flaw, column):
-    reflectance = Ward(m_x=0.2, m_y=0.2)
-    bsdf = make_bsdf(reflectance)
+    brdf = Ward(m_x=0.2, m_y=0.2)
+    bsdf = make_bsdf(brdf)
     exact = getattr(type(bsdf), part)
     monkeypatch.setattr(type(bsdf), part, lambda self, *arguments: flaw(exact(self, *arguments)))
     rows = plugin_rows("flawed", bsdf, [hard_case("random")], variant_llvm)

@@ -19,7 +19,7 @@ from simrig.scenes.perspective import focal_pixels
 from simrig.scenes.receding_cylinders import receding_cylinders
 from simrig.scenes.stimuli import CYLINDER_RADIUS
 from simrig.viewing.structure.cylinder import UPRIGHT, cylinder_stimulus, lower_half
-from simrig.viewing.structure.probe import PREDICTING, look
+from simrig.viewing.structure.probe import PREDICTING, probe
 
 ALBEDO = 0.5
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
@@ -62,7 +62,7 @@ def test_the_mask_is_the_lower_half_and_nothing_else() -> None:
 def test_a_plain_material_is_shaded_as_the_formula_says() -> None:
     stimulus = cylinder_stimulus(diffuse(np.full((4, 4), ALBEDO), (3.0, 3.0)))
     assert stimulus.textured == pytest.approx(stimulus.plain, abs=1e-4)
-    seen = look(stimulus, structure_mm=1.0)
+    seen = probe(stimulus, structure_mm=1.0)
     for name in ("contrast", "ssim", "flip"):
         assert seen.features[name] == pytest.approx(0.0, abs=1e-4)
     assert seen.distances_m["ssim"] == pytest.approx(PUBLISHED_MODELS["ssim"].k_1, abs=1e-3)
@@ -88,10 +88,10 @@ def test_a_plain_material_is_shaded_as_the_formula_says() -> None:
 @pytest.mark.parametrize("period_mm", [2.5, 5.0])
 def test_stripes_have_their_size(period_mm: float) -> None:
     stimulus = cylinder_stimulus(stripes(period_mm))
-    seen = look(stimulus)
+    seen = probe(stimulus)
     # aslant, towards the outlines, stripes look narrower and their shading is not even
     assert seen.structure_mm == pytest.approx(period_mm, rel=0.15)
-    turned = look(cylinder_stimulus(stripes(period_mm), rotation_deg=90.0))
+    turned = probe(cylinder_stimulus(stripes(period_mm), rotation_deg=90.0))
     assert turned.structure_mm == pytest.approx(period_mm, rel=0.1)
 
 

@@ -26,18 +26,18 @@ def error(material, subspace, where, size=180):
     return np.abs(subspace.picture(size).reshape(-1, 3) / truth - 1.0).mean()
 
 
-@pytest.mark.parametrize("elevations", [(30, 75), (75, 30), (60, 60)])
-def test_corners_and_counts(elevations):
-    where = placement(*elevations)
+@pytest.mark.parametrize("thetas", [(30, 75), (75, 30), (60, 60)])
+def test_corners_and_counts(thetas):
+    where = placement(*thetas)
     a_n = where.azimuth_count
-    assert where.intersections == (a_n * a_n + a_n if elevations == (60, 60) else 2 * a_n * a_n)
+    assert where.intersections == (a_n * a_n + a_n if thetas == (60, 60) else 2 * a_n * a_n)
     assert len(where.corner_angles()) == where.intersections
     assert where.corner_samples().max() == where.intersections - 1
 
 
-@pytest.mark.parametrize("elevations", [(30, 75), (75, 30), (75, 75)])
-def test_more_samples_come_closer_to_the_material(elevations):
-    material, where = kurt_material("fabric112"), placement(*elevations)
+@pytest.mark.parametrize("thetas", [(30, 75), (75, 30), (75, 75)])
+def test_more_samples_come_closer_to_the_material(thetas):
+    material, where = kurt_material("fabric112"), placement(*thetas)
     errors = []
     for samples in (400, 1600):
         found = RIG.measure_subspace(material, where, samples)
@@ -57,7 +57,7 @@ def test_slices_are_reproduced_exactly_where_they_were_measured():
     )
 
 
-def test_it_is_the_four_dimensional_form_without_the_elevations(rng):
+def test_it_is_the_four_dimensional_form_without_the_thetas(rng):
     material, where = kurt_material("fabric135"), placement(40, 80, 36)
     full = SlicePlacement.from_degrees(40, 36)
     count = full.intersections  # only the intersections, so that both know the same samples

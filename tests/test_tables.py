@@ -37,7 +37,7 @@ def random_directions(rng: np.random.Generator, count: int, theta_max: float = n
 
 
 def node_directions(table: DenseTable) -> tuple[np.ndarray, np.ndarray]:
-    theta, (phi_i, phi_v) = table.elevations, table.azimuths
+    theta, (phi_i, phi_v) = table.thetas, table.azimuths
     wi = to_vector(theta[:, None, None, None], phi_i[None, None, :, None])
     wv = to_vector(theta[None, :, None, None], phi_v[None, None, None, :])
     return wi, wv
@@ -200,7 +200,7 @@ def test_dense_gives_black_for_nan_directions(rng):
         (lambda v: np.where(v == v.max(), np.inf, v), "1 infinite"),
         (lambda v: np.where(v == v.max(), -0.1, v), "1 negative"),
         (lambda v: v[..., 0], "must have shape"),
-        (lambda v: v[:1, :1], "at least two elevations"),
+        (lambda v: v[:1, :1], "at least two polar angles"),
     ],
 )
 def test_dense_refuses_bad_values(rng, change, message):
@@ -209,7 +209,7 @@ def test_dense_refuses_bad_values(rng, change, message):
         DenseTable(change(values), STEP)
 
 
-def test_dense_refuses_elevations_that_do_not_fit(rng):
+def test_dense_refuses_thetas_that_do_not_fit(rng):
     with pytest.raises(SimrigError, match="cannot end at"):
         DenseTable(np.ones((8, 8, 4, 4, 3)), STEP)
     with pytest.raises(SimrigError, match="cannot end at"):

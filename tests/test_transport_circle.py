@@ -125,7 +125,7 @@ def test_a_table_needs_no_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "ot", None)
     measurement = Gantry().measure(Lambert((0.1, 0.5, 0.9)))
     settings = {"theta_step_deg": 15.0, "azimuths": 12}
-    table = reconstruct_gantry(measurement, "bd", transport="circle", **settings).reflectance
+    table = reconstruct_gantry(measurement, "bd", transport="circle", **settings).brdf
     np.testing.assert_allclose(table.values[..., 1] * np.pi, 0.5, rtol=1e-6)
     with pytest.raises(SimrigError, match="needs POT"):
         texel_method(PLAN, "bd", ANGLES, "rows")
@@ -172,14 +172,14 @@ def test_a_slice_with_one_bright_sample_stays_within_bounds(rng):
         GantryPlan(axial=0),
         GantryPlan.from_degrees(15, 45, 75),
     ],
-    ids=["four samples a slice", "diagonal slices alone", "three elevations"],
+    ids=["four samples a slice", "diagonal slices alone", "three polar angles"],
 )
 def test_other_plans_keep_what_was_measured(plan, rng):
     values = textured(plan, rng, 3)
     if plan.axial == 0:
         values = np.repeat(values.mean(axis=0, keepdims=True), plan.samples, axis=0)
     kept = grid_angles(
-        HemisphereScheme.from_rings("r", [Ring(float(t), 4) for t in np.degrees(plan.elevations)])
+        HemisphereScheme.from_rings("r", [Ring(float(t), 4) for t in np.degrees(plan.thetas)])
     )
     b, bd = (texel_method(plan, name, kept)(values) for name in ("b", "bd"))
     np.testing.assert_allclose(bd, b, atol=1e-5)  # azimuths are kept to 1e-6 rad
@@ -194,7 +194,7 @@ def test_what_is_not_reciprocal_stays_so(rng):
     swapped = ANGLES[:, [1, 0, 3, 2]]
     back = texel_method(PLAN, "bd", swapped)(values)[:, 0]
     expected = np.cos(ANGLES[:, 0]) * np.cos(ANGLES[:, 1]) ** 2
-    # elevations are kept to 1e-6 rad
+    # polar angles are kept to 1e-6 rad
     np.testing.assert_allclose(found, np.repeat(expected[:, None], 3, axis=1), rtol=1e-5)
     ratio = np.cos(ANGLES[:, 1]) / np.cos(ANGLES[:, 0])
     np.testing.assert_allclose(found / back, np.repeat(ratio[:, None], 3, axis=1), rtol=1e-5)

@@ -71,9 +71,9 @@ def test_shadow_of_the_low_lamp_is_far_above_any_tolerance() -> None:
 def test_the_metal_lights_the_dark_side() -> None:
     """The right rim of the measured sphere faces away from the lamp and yet is lit."""
     scene = mirror_neighbour(GREY, resolution=64)
-    direct, all_orders = picture(scene, DIRECT, 1024), picture(scene, spp=1024)
+    direct, all_bounces = picture(scene, DIRECT, 1024), picture(scene, spp=1024)
     rim = (slice(13, 19), slice(26, 29))  # beside the gap, at half height
-    assert all_orders[rim].mean() > 0.03 > 5.0 * direct[rim].mean()
+    assert all_bounces[rim].mean() > 0.03 > 5.0 * direct[rim].mean()
 
 
 def test_the_walls_meet_in_the_middle_at_a_right_angle() -> None:
@@ -96,7 +96,7 @@ def test_the_lamp_only_grazes_the_measured_wall() -> None:
 
 def test_the_shadow_is_as_long_as_the_lamp_is_low() -> None:
     """A lamp at (d cos e, 0, d sin e) over a blocker of height h: similar triangles."""
-    elevation, height, distance = np.radians(8.0), 4.0, 500.0
+    theta, height, distance = np.radians(8.0), 4.0, 500.0
     scene = hidden_light(
         WHITE,
         resolution=256,
@@ -105,7 +105,7 @@ def test_the_shadow_is_as_long_as_the_lamp_is_low() -> None:
         light_distance=distance,
         pixel_centres=True,
     )
-    lamp = distance * np.array([np.cos(elevation), np.sin(elevation)])
+    lamp = distance * np.array([np.cos(theta), np.sin(theta)])
     top = traps.PLATE_WIDTH / 4.0 - traps.BLOCKER_THICKNESS / 2.0  # the edge that casts the end
     # of both upper edges the one nearer to the lamp casts the longer shadow where it is lower
     ends = [x - height * (lamp[0] - x) / (lamp[1] - height) for x in (top, top + 4.0)]

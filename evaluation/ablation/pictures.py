@@ -129,8 +129,8 @@ def _with_exact_direct_light(
     difference is the indirect light alone. The time stated is that of ``path``.
     """
     one_light = {**integrator, "max_depth": DIRECT_DEPTH}
-    all_orders = rendering.render(scene, spp, seed, dict(integrator))
+    all_bounces = rendering.render(scene, spp, seed, dict(integrator))
     first_order = rendering.render(scene, spp, seed, one_light)
     direct = rendering.render(scene, spp, seed, {"type": "simrig_all_lights"})
-    indirect = np.maximum(all_orders.image - first_order.image, 0.0)  # rounding goes below 0
-    return replace(all_orders, image=direct.image + indirect)
+    indirect = np.maximum(all_bounces.image - first_order.image, 0.0)  # rounding goes below 0
+    return replace(all_bounces, image=direct.image + indirect)

@@ -19,7 +19,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.brdf import Reflectance, Ward, kurt_material
+from simrig.brdf import Brdf, Ward, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError
@@ -110,11 +110,11 @@ def _materials(folder: Path) -> tuple[dict[str, Callable[[], Any]], dict[str, in
     }, sizes
 
 
-def _device_bytes(reflectance: Reflectance) -> int:
+def _device_bytes(brdf: Brdf) -> int:
     """Return the bytes of the look-up layout that rendering reads."""
     import mitsuba as mi
 
-    data = reflectance.prepare(reflectance.on(mi.Float), differentiable=False)
+    data = brdf.prepare(brdf.on(mi.Float), differentiable=False)
     return sum(dr.width(v) * np.dtype(np.array(v).dtype).itemsize for v in data.values())
 
 

@@ -1,7 +1,7 @@
 """Bytes on the device for slices, beside thesis Table D.3, with the error they buy.
 
 ``stored`` is the layout of appendix D.4 in float32 RGB; ``look-up`` is what rendering reads (the
-elevation surfaces folded into one table, colours packed in 64 bits); ``differentiable`` is the
+polar angle surfaces folded into one table, colours packed in 64 bits); ``differentiable`` is the
 same in float32.
 """
 
@@ -23,7 +23,7 @@ from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 MATERIAL = "fabric112"
-# samples: (elevation step, azimuth step, published MB); thesis Table D.3
+# samples: (polar angle step, azimuth step, published MB); thesis Table D.3
 LAYOUTS = {8911: (14.0, 36.0, 3.3), 18721: (10.0, 36.0, 5.1)}
 
 

@@ -141,12 +141,12 @@ def _methods(
         if name not in SAMPLERS:
             raise unknown_name("sampler", name, SAMPLERS)
     own = scene.get("integrator") if isinstance(scene, Mapping) else None
-    twice = isinstance(own, Mapping) and REFERENCE in integrators and _traces_all_orders(own)
+    twice = isinstance(own, Mapping) and REFERENCE in integrators and _traces_all_bounces(own)
     kept = [name for name in dict.fromkeys(integrators) if not (twice and name == "scene")]
     return list(itertools.product(kept, dict.fromkeys(samplers)))
 
 
-def _traces_all_orders(integrator: Mapping[str, Any]) -> bool:
+def _traces_all_bounces(integrator: Mapping[str, Any]) -> bool:
     return integrator.get("type") == "path" and integrator.get("max_depth", -1) == -1
 
 

@@ -15,7 +15,7 @@ CHECKPOINT = ".checkpoint"  # ending of the files of unfinished measurements
 Progress = Callable[..., None]  # (steps done, steps in total, what is being done)
 
 
-class Parts:
+class Checkpoint:
     """The finished parts of an experiment in its folder: their files and their records.
 
     A part is noted once its files are written, so whatever is noted can be used. Parts of other

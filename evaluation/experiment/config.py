@@ -47,7 +47,7 @@ class MeasurementSettings(Section):
         samples: one measurement is made for each of these numbers of samples, ascending.
         elevation_step_deg, azimuth_step_deg: e_s and a_s of the slices, in degrees; both or
             neither. Without them thesis Table 5.1 chooses.
-        theta_max_deg: largest elevation in degrees; by default 80, or that of the data, rounded
+        theta_max_deg: largest polar angle in degrees; by default 80, or that of the data, rounded
             down to whole degrees, where it ends earlier.
         slice_types: ``"all"``, ``"axial_diagonal"``, or ``"both"`` for a measurement with each.
         k, p_1, p_2: parameters of thesis algorithm 5.1.
@@ -57,7 +57,7 @@ class MeasurementSettings(Section):
     section: ClassVar[str] = "measurement"
 
     samples: tuple[int, ...] = setting(sample_counts, (3230, 8911, 18721))
-    elevation_step_deg: float | None = setting(optional(number(0.5, 89.0)), None)
+    theta_step_deg: float | None = setting(optional(number(0.5, 89.0)), None)
     azimuth_step_deg: float | None = setting(optional(number(1.0, 180.0)), None)
     theta_max_deg: float | None = setting(optional(number(1.0, 89.0), "auto"), None)
     slice_types: str = setting(choice((*SLICE_TYPES, BOTH_SLICE_TYPES)), "all")
@@ -68,7 +68,7 @@ class MeasurementSettings(Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.elevation_step_deg is None) != (self.azimuth_step_deg is None):
+        if (self.theta_step_deg is None) != (self.azimuth_step_deg is None):
             raise SimrigError(
                 "give both 'elevation_step_deg' and 'azimuth_step_deg' in [measurement], or "
                 "neither to have them chosen"
@@ -79,7 +79,7 @@ class MeasurementSettings(Section):
 
 @dataclass(frozen=True)
 class ReconstructionSettings(Section):
-    """How the reflectance is rebuilt: ``interpolation`` along slices, cubic, pchip or linear."""
+    """How the BRDF is reconstructed: ``interpolation`` along slices, cubic, pchip or linear."""
 
     section: ClassVar[str] = "reconstruction"
 
@@ -88,7 +88,7 @@ class ReconstructionSettings(Section):
 
 @dataclass(frozen=True)
 class ComparisonSettings(Section):
-    """How reflectances are compared.
+    """How BRDFs are compared.
 
     Attributes:
         exact: also compare on every direction pair of the grid.

@@ -6,23 +6,23 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.arrays import Array, components, namespace, vector
 
 
-class MeasuredHalf(Reflectance):
-    """A reflectance known where theta_i <= theta_v only, mirrored to the other half.
+class MeasuredHalf(Brdf):
+    """A BRDF known where theta_i <= theta_v only, mirrored to the other half.
 
     Methods that rely on reciprocity measure one half of the directions. Of a material that is not
     reciprocal the best that they can give is this, so its error is a floor for theirs.
 
     Args:
-        truth: the whole reflectance.
+        truth: the whole BRDF.
     """
 
     reciprocal = True
 
-    def __init__(self, truth: Reflectance):
+    def __init__(self, truth: Brdf):
         self._truth = truth
         self.name, self.theta_max = f"{truth.name}, one half", truth.theta_max
 

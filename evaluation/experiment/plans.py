@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.effects import Plan
 from simrig.core.errors import SimrigError
 from simrig.evaluation.experiment.config import Experiment, SceneSettings
@@ -34,7 +34,7 @@ def plan_experiment(config: Experiment) -> dict[str, Plan]:
     }
 
 
-def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Reflectance) -> Plan:
+def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Brdf) -> Plan:
     """Return the plan of one scene, by which all of its pictures are made.
 
     Args:
@@ -59,10 +59,10 @@ def check_plans(config: Experiment) -> None:
     checked_overrides(wanted.force, wanted.without, wanted.everything)
 
 
-def experiment_scene(settings: SceneSettings, reflectance: Reflectance) -> dict[str, Any]:
+def experiment_scene(settings: SceneSettings, brdf: Brdf) -> dict[str, Any]:
     """Return the Mitsuba dictionary of a scene of an experiment."""
     options = {key: value for key, value in settings.options.items() if key != "spp"}
     source = options.pop("environment", BUILTIN)
     if source != BUILTIN:
         options["lights"] = environment_lights(source, options.get("lights", 256))
-    return build_scene(settings.name, make_bsdf(reflectance), **options)
+    return build_scene(settings.name, make_bsdf(brdf), **options)

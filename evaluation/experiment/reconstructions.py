@@ -1,4 +1,4 @@
-"""The reflectances of an experiment: the truth, and what each measurement makes of it."""
+"""The BRDFs of an experiment: the truth, and what each measurement makes of it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
-from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.slices.slices import SliceBrdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.errors import SimrigError
-from simrig.evaluation.experiment.checkpoint import CHECKPOINT, Parts, Steps
+from simrig.evaluation.experiment.checkpoint import CHECKPOINT, Checkpoint, Steps
 from simrig.evaluation.experiment.config import BOTH_SLICE_TYPES, MeasurementSettings
-from simrig.files.hdf5 import write_reflectance
+from simrig.files.hdf5 import write_brdf
 from simrig.plans.placement import SlicePlacement, optimal_placement
 from simrig.plans.uniform import UniformPlan, uniform_plan
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
@@ -57,22 +57,22 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A reconstructed reflectance and how it came about.
+    """A reconstructed BRDF and how it came about.
 
     Attributes:
         plan: how it was measured.
-        reflectance: the result.
+        brdf: the result.
         record: plain values for the results: costs, bytes and files.
         measurement: the samples along slices, None for a grid.
     """
 
     plan: Plan
-    reflectance: Reflectance
+    brdf: Brdf
     record: dict[str, Any]
     measurement: Measurement | None
 
 
-def largest_theta_deg(truth: Reflectance, wished: float | None) -> float:
+def largest_theta_deg(truth: Brdf, wished: float | None) -> float:
     """Return theta_max of the plans, in degrees.
 
     Without a wish: 80, or where the data end earlier, that rounded down to whole degrees.
@@ -101,10 +101,10 @@ def make_plans(settings: MeasurementSettings, theta_max_deg: float) -> list[Plan
     adaptive = [m for m, types in SLICE_METHODS.items() if wished in (types, BOTH_SLICE_TYPES)]
     plans = []
     for count in settings.samples:
-        if settings.elevation_step_deg is None or settings.azimuth_step_deg is None:
+        if settings.theta_step_deg is None or settings.azimuth_step_deg is None:
             placement = optimal_placement(count, theta_max_deg)
         else:
-            steps = settings.elevation_step_deg, settings.azimuth_step_deg
+            steps = settings.theta_step_deg, settings.azimuth_step_deg
             placement = SlicePlacement.from_degrees(*steps, theta_max_deg)
         if placement.intersections > count:
             raise SimrigError(
@@ -119,8 +119,8 @@ def make_plans(settings: MeasurementSettings, theta_max_deg: float) -> list[Plan
 
 
 @dataclass(frozen=True)
-class Laboratory:
-    """Measures and rebuilds one material, keeping what is finished.
+class MeasurementRunner:
+    """Measures and reconstructs one material, keeping what is finished.
 
     Attributes:
         truth: the material.
@@ -130,15 +130,15 @@ class Laboratory:
         parts, steps: what is finished, and who is told.
     """
 
-    truth: Reflectance
+    truth: Brdf
     settings: MeasurementSettings
     interpolation: str
     folder: Path
-    parts: Parts
+    parts: Checkpoint
     steps: Steps
 
     def subject(self, plan: Plan) -> Subject:
-        """Measure and rebuild according to a plan, or take what was finished before."""
+        """Measure and reconstruct according to a plan, or take what was finished before."""
         self.steps.begin(f"measuring, {plan.label}")
         if isinstance(plan.layout, UniformPlan):
             subject = self._uniform(plan, plan.layout)
@@ -150,14 +150,14 @@ class Laboratory:
     def _slices(self, plan: Plan, placement: SlicePlacement) -> Subject:
         measurement = self._measured(plan, placement)
         elapsed = stopwatch()
-        reflectance = reconstruct(measurement, self.interpolation)
+        brdf = reconstruct(measurement, self.interpolation)
         seconds = elapsed()
         costs = {
             "sampling": measurement.cost,
-            "reconstruction": Cost(compute_seconds=seconds, bytes=reflectance.stored_bytes),
+            "reconstruction": Cost(compute_seconds=seconds, bytes=brdf.stored_bytes),
         }
-        record = self._recorded(plan, reflectance, costs)
-        return Subject(plan, reflectance, record, measurement)
+        record = self._recorded(plan, brdf, costs)
+        return Subject(plan, brdf, record, measurement)
 
     def _measured(self, plan: Plan, placement: SlicePlacement) -> Measurement:
         path = self.folder / "measurements" / f"{plan.key}.h5"
@@ -192,16 +192,16 @@ class Laboratory:
         return Subject(plan, table, self._recorded(plan, table, costs), None)
 
     def _recorded(
-        self, plan: Plan, reflectance: SliceReflectance | DenseTable, costs: dict[str, Cost]
+        self, plan: Plan, brdf: SliceBrdf | DenseTable, costs: dict[str, Cost]
     ) -> dict[str, Any]:
-        """Write the reflectance and note its costs, once; later runs keep the first record."""
+        """Write the BRDF and note its costs, once; later runs keep the first record."""
         name = f"reconstruction {plan.key}"
         known = self.parts.get(name)
         if known:
             return known
         path = self.folder / "reconstructions" / f"{plan.key}.h5"
         about = {"material": self.truth.name, "plan": plan.layout.describe(), "label": plan.label}
-        write_reflectance(path, reflectance, about)
+        write_brdf(path, brdf, about)
         files = {"reconstruction": f"reconstructions/{path.name}"}
         if plan.method in SLICE_METHODS:
             files["measurement"] = f"measurements/{plan.key}.h5"

@@ -1,4 +1,4 @@
-"""The numbers of an experiment: errors of reflectances, accuracy beside cost, provenance."""
+"""The numbers of an experiment: errors of BRDFs, accuracy beside cost, provenance."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 import simrig
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.resample import is_isotropic
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.errors import SimrigError
 from simrig.evaluation.comparison import (
+    BRDF_METRICS,
     IMAGE_METRICS,
-    REFLECTANCE_METRICS,
     Metric,
-    compare_reflectances,
+    compare_brdfs,
     finite,
 )
 from simrig.evaluation.experiment.config import ComparisonSettings
@@ -52,26 +52,26 @@ def comparison_grid(settings: ComparisonSettings, theta_max_deg: float) -> Angul
     """
     step = settings.step_deg
     grid = AngularGrid(step, step * math.floor(theta_max_deg / step + 1e-9))
-    if settings.estimate_samples < 4 * grid.elevations**2:
+    if settings.estimate_samples < 4 * grid.thetas**2:
         raise SimrigError(
-            f"'estimate_samples' in [comparison] must be at least {4 * grid.elevations**2} with "
+            f"'estimate_samples' in [comparison] must be at least {4 * grid.thetas**2} with "
             f"'step_deg' = {step:g}, got {settings.estimate_samples}"
         )
     return grid
 
 
-def reflectance_errors(
-    truth: Reflectance,
-    other: Reflectance,
+def brdf_errors(
+    truth: Brdf,
+    other: Brdf,
     grid: AngularGrid,
     settings: ComparisonSettings,
     seed: int,
 ) -> dict[str, Any]:
-    """Return the errors of a reflectance over all angles, and what it cost to find them.
+    """Return the errors of a BRDF over all angles, and what it cost to find them.
 
     Args:
         truth: the material.
-        other: what was rebuilt of it.
+        other: what was reconstructed of it.
         grid: of the directions where they are compared.
         settings: how many of these, and whether all of them as well.
         seed: of the random directions.
@@ -88,7 +88,7 @@ def reflectance_errors(
     exact = None
     if settings.exact:
         elapsed = stopwatch()
-        compared = compare_reflectances(truth, other, **about)
+        compared = compare_brdfs(truth, other, **about)
         exact = compared.to_dict() | _plain(compared.relative_error)
         exact["seconds"] = elapsed()
     return {"mre_percent": (exact or estimate)["percent"], "estimate": estimate, "exact": exact}
@@ -101,7 +101,7 @@ def _plain(error: RelativeError) -> dict[str, Any]:
 
 
 def material_facts(
-    truth: Reflectance, source: str, grid: AngularGrid, samples: int, seed: int
+    truth: Brdf, source: str, grid: AngularGrid, samples: int, seed: int
 ) -> dict[str, Any]:
     """Return what the truth is like, as plain values.
 
@@ -147,7 +147,7 @@ def total_costs(record: Mapping[str, Any]) -> dict[str, float]:
         "compile_seconds": render.compile_seconds,
         "compute_seconds": sum(cost.compute_seconds for cost in (*steps, render)),
         "measurement_bytes": steps[0].bytes,
-        "reflectance_bytes": steps[1].bytes,
+        "brdf_bytes": steps[1].bytes,
         "file_bytes": record["file_bytes"],
     }
 
@@ -167,7 +167,7 @@ def accuracy_versus_cost(records: Sequence[Mapping[str, Any]]) -> list[dict[str,
         }
         row = {key: record[key] for key in ("key", "method", "label")}
         rows.append(
-            {**row, "mre_percent": record["reflectance"]["mre_percent"], **means, **record["total"]}
+            {**row, "mre_percent": record["brdf"]["mre_percent"], **means, **record["total"]}
         )
     for row in rows:
         row["pareto"] = {error: [] for error, *_ in ACCURACY}
@@ -192,7 +192,7 @@ def metric_meanings() -> dict[str, dict[str, Any]]:
             for name, metric in meanings.items()
         }
 
-    return {"image": plain(IMAGE_METRICS), "reflectance": plain(REFLECTANCE_METRICS)}
+    return {"image": plain(IMAGE_METRICS), "brdf": plain(BRDF_METRICS)}
 
 
 def provenance(variant: str) -> dict[str, Any]:

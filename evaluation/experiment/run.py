@@ -1,4 +1,4 @@
-"""The main job: measure a material, rebuild it, render both, compare, and say what it cost."""
+"""The main job: measure a material, reconstruct it, render both, compare, and say what it cost."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import simrig
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core import backend
-from simrig.evaluation.experiment.checkpoint import Parts, Progress, Steps
+from simrig.evaluation.experiment.checkpoint import Checkpoint, Progress, Steps
 from simrig.evaluation.experiment.config import Experiment, SceneSettings, demo_experiment
 from simrig.evaluation.experiment.plans import check_plans
 from simrig.evaluation.experiment.reconstructions import (
-    Laboratory,
+    MeasurementRunner,
     Subject,
     largest_theta_deg,
     make_plans,
@@ -22,14 +22,14 @@ from simrig.evaluation.experiment.results import (
     FORMAT,
     FORMAT_VERSION,
     accuracy_versus_cost,
+    brdf_errors,
     comparison_grid,
     material_facts,
     metric_meanings,
     provenance,
-    reflectance_errors,
     total_costs,
 )
-from simrig.evaluation.experiment.scenes import Studio
+from simrig.evaluation.experiment.scenes import SceneRenderer
 from simrig.evaluation.report import html as report
 from simrig.files.atomic import atomic_write
 from simrig.files.load import load_material
@@ -77,10 +77,10 @@ def run_experiment(
         "settings": experiment.as_dict(),
         "material": fingerprint(truth),
     }
-    parts = Parts(folder, identity)
+    parts = Checkpoint(folder, identity)
     steps = Steps(len(plans) * (2 + len(experiment.scenes)) + len(experiment.scenes) + 1, progress)
 
-    laboratory = Laboratory(
+    runner = MeasurementRunner(
         truth,
         experiment.measurement,
         experiment.reconstruction.interpolation,
@@ -88,13 +88,15 @@ def run_experiment(
         parts,
         steps,
     )
-    subjects = [laboratory.subject(plan) for plan in plans]
-    studios = [
-        Studio(key, scene, experiment, folder, parts, steps)
+    subjects = [runner.subject(plan) for plan in plans]
+    renderers = [
+        SceneRenderer(key, scene, experiment, folder, parts, steps)
         for key, scene in experiment.keyed_scenes.items()
     ]
-    scenes = {studio.key: studio.reference(truth) for studio in studios}
-    records = [_reconstruction(s, truth, studios, grid, experiment, parts, steps) for s in subjects]
+    scenes = {renderer.key: renderer.reference(truth) for renderer in renderers}
+    records = [
+        _reconstruction(s, truth, renderers, grid, experiment, parts, steps) for s in subjects
+    ]
     samples = experiment.comparison.estimate_samples
     results = {
         "format": FORMAT,
@@ -125,24 +127,22 @@ def _picture_folders(experiment: Experiment) -> list[str]:
 
 def _reconstruction(
     subject: Subject,
-    truth: Reflectance,
-    studios: list[Studio],
+    truth: Brdf,
+    renderers: list[SceneRenderer],
     grid: Any,
     experiment: Experiment,
-    parts: Parts,
+    parts: Checkpoint,
     steps: Steps,
 ) -> dict[str, Any]:
     """Compare a reconstruction with the truth over all angles and on all scenes."""
     plan = subject.plan
-    sample_alike(subject.reflectance, truth)  # noise is then no difference between their pictures
+    sample_alike(subject.brdf, truth)  # noise is then no difference between their pictures
     steps.begin(f"comparing all angles, {plan.label}")
     name = f"errors {plan.key}"
     errors = parts.get(name) or parts.put(
         name,
         {
-            "reflectance": reflectance_errors(
-                truth, subject.reflectance, grid, experiment.comparison, experiment.seed
-            ),
+            "brdf": brdf_errors(truth, subject.brdf, grid, experiment.comparison, experiment.seed),
             "files": {},
         },
     )
@@ -154,10 +154,10 @@ def _reconstruction(
         "samples": plan.samples,
         "plan": plan.layout.describe(),
         **subject.record,
-        "reflectance": errors["reflectance"],
+        "brdf": errors["brdf"],
         "scenes": {
-            studio.key: studio.reconstruction(plan.key, plan.label, subject.reflectance)
-            for studio in studios
+            renderer.key: renderer.reconstruction(plan.key, plan.label, subject.brdf)
+            for renderer in renderers
         },
     }
     return {**record, "total": total_costs(record)}

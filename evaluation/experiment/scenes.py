@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.evaluation.comparison import compare_images
-from simrig.evaluation.experiment.checkpoint import Parts, Steps
+from simrig.evaluation.experiment.checkpoint import Checkpoint, Steps
 from simrig.evaluation.experiment.config import Experiment, SceneSettings
 from simrig.evaluation.experiment.plans import experiment_scene, plan_experiment_scene
 from simrig.evaluation.experiment.rendering import USUAL_SPP
@@ -23,8 +23,8 @@ TRUTH = "truth"
 
 
 @dataclass(frozen=True)
-class Studio:
-    """Renders one scene with different reflectances and compares them with the truth.
+class SceneRenderer:
+    """Renders one scene with different BRDFs and compares them with the truth.
 
     Attributes:
         key: name of the scene for files.
@@ -38,11 +38,11 @@ class Studio:
     scene: SceneSettings
     experiment: Experiment
     folder: Path
-    parts: Parts
+    parts: Checkpoint
     steps: Steps
     _cache: dict[str, np.ndarray] = field(default_factory=dict)
 
-    def reference(self, truth: Reflectance) -> dict[str, Any]:
+    def reference(self, truth: Brdf) -> dict[str, Any]:
         """Render the truth; return the record of the scene.
 
         Returns:
@@ -79,13 +79,13 @@ class Studio:
         self.steps.end()
         return record
 
-    def reconstruction(self, key: str, label: str, reflectance: Reflectance) -> dict[str, Any]:
+    def reconstruction(self, key: str, label: str, brdf: Brdf) -> dict[str, Any]:
         """Render a reconstruction and compare it with the reference, which was rendered before.
 
         Args:
             key: of its files.
             label: for people.
-            reflectance: the reconstruction.
+            brdf: the reconstruction.
 
         Returns:
             The errors, files and cost as plain values.
@@ -95,7 +95,7 @@ class Studio:
         record = self.parts.get(name)
         if record is None:
             reference, about = self._reference_image()
-            result = self._render(reflectance, about["settings"])
+            result = self._render(brdf, about["settings"])
             compared = compare_images(
                 reference,
                 result.image,
@@ -123,7 +123,7 @@ class Studio:
             self._cache[TRUTH] = read_image(self.folder / about["files"]["exr"])
         return self._cache[TRUTH], about
 
-    def _settings(self, truth: Reflectance) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    def _settings(self, truth: Brdf) -> tuple[dict[str, Any], dict[str, Any] | None]:
         """Return how all pictures of the scene are rendered, and the plan that says so.
 
         One plan, that of the truth, serves all of them with the same random numbers: noise that
@@ -141,8 +141,8 @@ class Studio:
         }
         return settings, plan.as_dict()
 
-    def _render(self, reflectance: Reflectance, settings: dict[str, Any]) -> rendering.RenderResult:
-        scene = experiment_scene(self.scene, reflectance)
+    def _render(self, brdf: Brdf, settings: dict[str, Any]) -> rendering.RenderResult:
+        scene = experiment_scene(self.scene, brdf)
         return rendering.render(
             scene, seed=self.experiment.seed, progress=self.steps.within, **settings
         )
@@ -151,7 +151,7 @@ class Studio:
         """Write a picture as EXR and PNG; return their names relative to the folder."""
         about: dict[str, str | int | float | bool] = {
             "scene": self.key,
-            "reflectance": key,
+            "brdf": key,
             "exposure": exposure,
         }
         files = {kind: f"pictures/{self.key}/{key}.{kind}" for kind in ("exr", "png")}

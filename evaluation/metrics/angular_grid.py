@@ -1,4 +1,4 @@
-"""Two reflectances over a regular grid of direction pairs: the sums behind their errors."""
+"""Two BRDFs over a regular grid of direction pairs: the sums behind their errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
@@ -20,11 +20,11 @@ _LANES = 1 << 21  # directions in flight: 25 MB per array of colours
 
 @dataclass(frozen=True)
 class AngularGrid:
-    """The regular grid of direction pairs over which reflectances are compared.
+    """The regular grid of direction pairs over which BRDFs are compared.
 
     Attributes:
         step_deg: step of all four angles in degrees; must divide 360 and ``theta_max_deg``.
-        theta_max_deg: largest elevation, in degrees, below 90.
+        theta_max_deg: largest polar angle, in degrees, below 90.
     """
 
     step_deg: float = 2.0
@@ -43,8 +43,8 @@ class AngularGrid:
                 )
 
     @property
-    def elevations(self) -> int:
-        """Number of elevations, from 0 to theta_max."""
+    def thetas(self) -> int:
+        """Number of polar angles, from 0 to theta_max."""
         return round(self.theta_max_deg / self.step_deg) + 1
 
     @property
@@ -55,17 +55,17 @@ class AngularGrid:
     @property
     def directions(self) -> int:
         """Number of direction pairs."""
-        return (self.elevations * self.azimuths) ** 2
+        return (self.thetas * self.azimuths) ** 2
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
         """Shape of a dense array: (theta_i, theta_v, phi_i, phi_v, rgb)."""
-        return (self.elevations, self.elevations, self.azimuths, self.azimuths, CHANNELS)
+        return (self.thetas, self.thetas, self.azimuths, self.azimuths, CHANNELS)
 
 
 @dataclass(frozen=True)
 class GridSums:
-    """Sums over the azimuths of each elevation pair, arrays of shape (theta_i, theta_v, rgb).
+    """Sums over the azimuths of each polar angle pair, arrays of shape (theta_i, theta_v, rgb).
 
     Attributes:
         grid: what the sums are over.
@@ -85,8 +85,8 @@ class GridSums:
 
 
 def grid_sums(
-    truth: Reflectance,
-    approximation: Reflectance | np.ndarray,
+    truth: Brdf,
+    approximation: Brdf | np.ndarray,
     grid: AngularGrid,
     *,
     squares: bool = False,
@@ -94,7 +94,7 @@ def grid_sums(
 ) -> GridSums:
     """Sum the errors over the whole grid: evaluated in float32, added up in float64.
 
-    Two reciprocal reflectances are evaluated on half of the elevation pairs. The memory stays
+    Two reciprocal BRDFs are evaluated on half of the polar angle pairs. The memory stays
     at some 100 MB whatever the step.
 
     Args:
@@ -106,8 +106,8 @@ def grid_sums(
     Raises:
         SimrigError: for an array of another shape, or values that are not finite.
     """
-    n, m = grid.elevations, grid.azimuths
-    half = isinstance(approximation, Reflectance) and truth.reciprocal and approximation.reciprocal
+    n, m = grid.thetas, grid.azimuths
+    half = isinstance(approximation, Brdf) and truth.reciprocal and approximation.reciprocal
     first, second = np.triu_indices(n) if half else np.indices((n, n)).reshape(2, -1)
     totals = np.zeros((4, n, n, CHANNELS))
     for part, values in _blocks(truth, approximation, grid, first, second):
@@ -118,7 +118,7 @@ def grid_sums(
     if not np.isfinite(totals).all():
         i, v = np.argwhere(~np.isfinite(totals).all(axis=(0, 3)))[0] * grid.step_deg
         raise SimrigError(
-            f"the reflectances cannot be compared: values at theta_i {i:g}°, theta_v {v:g}° are "
+            f"the BRDFs cannot be compared: values at theta_i {i:g}°, theta_v {v:g}° are "
             "NaN or infinite"
         )
     relative, squared, squared_log, counted = totals
@@ -134,17 +134,17 @@ def dense_values(values: np.ndarray, grid: AngularGrid) -> np.ndarray:
 
 
 def _blocks(
-    truth: Reflectance,
-    approximation: Reflectance | np.ndarray,
+    truth: Brdf,
+    approximation: Brdf | np.ndarray,
     grid: AngularGrid,
     first: np.ndarray,
     second: np.ndarray,
 ) -> Iterator[tuple[slice, tuple[Any, Any]]]:
-    """Yield runs of elevation pairs with the colours f and f' over all of their azimuths."""
+    """Yield runs of polar angle pairs with the colours f and f' over all of their azimuths."""
     types = backend.types("float32")
     m, step = grid.azimuths, float(np.radians(grid.step_deg))
     table = None
-    if not isinstance(approximation, Reflectance):
+    if not isinstance(approximation, Brdf):
         table = dense_values(approximation, grid).reshape(-1, m * m * CHANNELS)
     run = max(1, _LANES // (m * m))
     for start in range(0, len(first), run):
@@ -156,7 +156,7 @@ def _blocks(
         theta_i = dr.gather(types.Float, types.Float(step * first[part]), pair)
         theta_v = dr.gather(types.Float, types.Float(step * second[part]), pair)
         wi, wv = to_vector(theta_i, phi_i), to_vector(theta_v, phi_v)
-        if isinstance(approximation, Reflectance):
+        if isinstance(approximation, Brdf):
             other = approximation.eval(wi, wv)
         else:
             assert table is not None
@@ -166,7 +166,7 @@ def _blocks(
 
 
 def _block_sums(f: Any, g: Any, squares: bool, log_floor: float, block: int) -> np.ndarray:
-    """Return the four sums of ``GridSums`` per elevation pair, shape (4, pairs, rgb), float64.
+    """Return the four sums of ``GridSums`` per polar angle pair, shape (4, pairs, rgb), float64.
 
     Each error is computed in float32 and added in float64 inside the kernel (a run of lanes
     belongs to one pair, so ``Local`` adds them up before it touches memory).

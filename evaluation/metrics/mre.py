@@ -1,6 +1,6 @@
-"""The mean relative error of one reflectance against another (MRE), exact and estimated.
+"""The mean relative error of one BRDF against another (MRE), exact and estimated.
 
-MRE = mean of |f − f'| / f over all grid values: illumination and view elevations from 0° to
+MRE = mean of |f − f'| / f over all grid values: illumination and view polar angles from 0° to
 theta_max and all azimuths in equal steps, three colour channels, each value with the same weight
 (thesis, notation pages; with 2° and 80° these are the 3·41·41·180·180 values of section 5.5).
 The colour channels are averaged, not summed: that is what gives the thesis's numbers.
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, evaluate
+from simrig.brdf.protocol import Brdf, evaluate
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
@@ -63,8 +63,8 @@ class RelativeError:
 
 
 def mre_exact(
-    truth: Reflectance,
-    approximation: Reflectance | np.ndarray,
+    truth: Brdf,
+    approximation: Brdf | np.ndarray,
     *,
     step_deg: float = 2.0,
     theta_max_deg: float = 80.0,
@@ -73,7 +73,7 @@ def mre_exact(
 
     Args:
         truth: the reference f.
-        approximation: f', a reflectance or a dense array (theta_i, theta_v, phi_i, phi_v, rgb)
+        approximation: f', a BRDF or a dense array (theta_i, theta_v, phi_i, phi_v, rgb)
             of the same step.
         step_deg, theta_max_deg: see ``AngularGrid``; the defaults are the thesis's.
 
@@ -130,8 +130,8 @@ def _result(
 
 
 def mre_estimate(
-    truth: Reflectance,
-    approximation: Reflectance | np.ndarray,
+    truth: Brdf,
+    approximation: Brdf | np.ndarray,
     samples: int = 100_000,
     *,
     seed: int = 0,
@@ -142,7 +142,7 @@ def mre_estimate(
 ) -> RelativeError:
     """Return an unbiased estimate of ``mre_exact`` from a stratified random subset of its grid.
 
-    Strata are the elevation pairs, each divided into sectors of the azimuth difference. A pilot
+    Strata are the polar angle pairs, each divided into sectors of the azimuth difference. A pilot
     of some 15 % of the samples finds where the errors vary; the others are shared out accordingly
     (Neyman allocation, at least two each), and only these enter the estimate, so that it stays
     unbiased. The standard error is the stratified one, sqrt(Σ w² s² / n); where the truth has
@@ -150,7 +150,7 @@ def mre_estimate(
 
     Args:
         truth, approximation, step_deg, theta_max_deg: as ``mre_exact``.
-        samples: number of directions, at least four per elevation pair.
+        samples: number of directions, at least four per polar angle pair.
         seed: of the random numbers.
         relative_standard_error: if given (0.02 is 2 %), repeat with more samples until the
             standard error is at most this share of the estimate. Once that would take as many
@@ -166,10 +166,10 @@ def mre_estimate(
         raise SimrigError(
             f"the relative standard error must be positive: {relative_standard_error}"
         )
-    least = 4 * grid.elevations**2
+    least = 4 * grid.thetas**2
     if samples < least:
         raise SimrigError(f"an estimate on this grid needs at least {least} samples, got {samples}")
-    sectors = min(max(1, samples // (10 * grid.elevations**2)), MOST_SECTORS, grid.azimuths)
+    sectors = min(max(1, samples // (10 * grid.thetas**2)), MOST_SECTORS, grid.azimuths)
     strata = Strata(grid, sectors)
     rng = np.random.default_rng(seed)
     count = len(strata.weights)
@@ -192,8 +192,8 @@ def mre_estimate(
 
 
 def _stratified(
-    truth: Reflectance,
-    approximation: Reflectance | np.ndarray,
+    truth: Brdf,
+    approximation: Brdf | np.ndarray,
     strata: Strata,
     rng: np.random.Generator,
     counts: np.ndarray,
@@ -206,8 +206,8 @@ def _stratified(
 
 
 def _errors_at(
-    truth: Reflectance,
-    approximation: Reflectance | np.ndarray,
+    truth: Brdf,
+    approximation: Brdf | np.ndarray,
     grid: AngularGrid,
     theta_i: np.ndarray,
     theta_v: np.ndarray,
@@ -219,7 +219,7 @@ def _errors_at(
     wi, wv = to_vector(step * theta_i, step * phi_i), to_vector(step * theta_v, step * phi_v)
     float_type = backend.types("float32").Float
     f = evaluate(truth, wi, wv, float_type)
-    if isinstance(approximation, Reflectance):
+    if isinstance(approximation, Brdf):
         g = evaluate(approximation, wi, wv, float_type)
     else:
         g = dense_values(approximation, grid)[theta_i, theta_v, phi_i, phi_v].astype(np.float64)
@@ -233,6 +233,6 @@ def relative_differences(f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.n
         SimrigError: for values that are not finite.
     """
     if not (np.isfinite(f).all() and np.isfinite(g).all()):
-        raise SimrigError("the reflectances cannot be compared: some values are NaN or infinite")
+        raise SimrigError("the BRDFs cannot be compared: some values are NaN or infinite")
     lit = f > 0.0
     return np.where(lit, np.abs(f - g) / np.where(lit, f, 1.0), 0.0), lit.astype(np.float64)

@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core import backend
 from simrig.core.arrays import aligned, vector_type
 from simrig.core.errors import SimrigError
@@ -46,8 +46,8 @@ class _Directions:
 class SharedMre:
     """Estimates the MRE of approximations of one truth.
 
-    Strata and estimate are those of ``simrig.evaluation.metrics.mre.mre_estimate``. How the samples are
-    shared out is decided by the errors of one approximation, the pilot: where they vary is much
+    Strata and estimate are those of ``simrig.evaluation.metrics.mre.mre_estimate``. How the samples
+    are shared out is decided by the errors of one approximation, the pilot: where they vary is much
     the same for all of one kind, and however they are shared out the estimate is unbiased.
 
     Args:
@@ -63,8 +63,8 @@ class SharedMre:
 
     def __init__(
         self,
-        truth: Reflectance,
-        pilot: Reflectance,
+        truth: Brdf,
+        pilot: Brdf,
         samples: int = 1 << 16,
         grid: AngularGrid | None = None,
         seed: int = 0,
@@ -79,9 +79,7 @@ class SharedMre:
         counts = np.full(len(self.strata.weights), _PILOT)
         self._spread = self._means(pilot, self._draw(counts, np.random.default_rng(seed))).spread
 
-    def estimate(
-        self, approximation: Reflectance, relative_standard_error: float = 0.02
-    ) -> RelativeError:
+    def estimate(self, approximation: Brdf, relative_standard_error: float = 0.02) -> RelativeError:
         """Return the MRE of an approximation.
 
         Args:
@@ -132,10 +130,10 @@ class SharedMre:
         dr.eval(wi, wv)
         return _Directions(counts, stratum, wi, wv, _values(self.truth, wi, wv))
 
-    def _means(self, approximation: Reflectance, at: _Directions) -> Any:
+    def _means(self, approximation: Brdf, at: _Directions) -> Any:
         relative, counted = relative_differences(at.truth, _values(approximation, at.wi, at.wv))
         return stratified_means(self.strata, at.counts, at.stratum, relative, counted)
 
 
-def _values(reflectance: Reflectance, wi: Any, wv: Any) -> np.ndarray:
-    return np.array(reflectance.eval(wi, wv), dtype=np.float64).T
+def _values(brdf: Brdf, wi: Any, wv: Any) -> np.ndarray:
+    return np.array(brdf.eval(wi, wv), dtype=np.float64).T

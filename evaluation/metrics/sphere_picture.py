@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, evaluate
-from simrig.brdf.tables.rbf import RbfReflectance
+from simrig.brdf.protocol import Brdf, evaluate
+from simrig.brdf.tables.rbf import RbfBrdf
 from simrig.core import backend
 from simrig.evaluation.metrics.images import delta_e_map, foreground_mask, mse, psnr_from_mse
 from simrig.plugins import make_bsdf
@@ -55,18 +55,18 @@ class SpherePicture:
         lights: number of directional lights.
     """
 
-    def __init__(self, truth: Reflectance, pixels: int = 64, lights: int = 16):
+    def __init__(self, truth: Brdf, pixels: int = 64, lights: int = 16):
         self.truth, self.pixels, self.lights = truth, pixels, lights
         self.image = self.rendered(truth)
         self.exposure = automatic_exposure(self.image)
 
-    def compare(self, reflectance: Reflectance) -> PictureError:
-        """Return the error and the cost of the picture of a reflectance."""
-        slow = isinstance(reflectance, RbfReflectance)
+    def compare(self, brdf: Brdf) -> PictureError:
+        """Return the error and the cost of the picture of a BRDF."""
+        slow = isinstance(brdf, RbfBrdf)
         if slow:
             self._directions  # noqa: B018 (they are the scene's, not a cost of the method)
         with timed() as clock:
-            image = self.looked_up(reflectance) if slow else self.rendered(reflectance)
+            image = self.looked_up(brdf) if slow else self.rendered(brdf)
         mask = foreground_mask(self.image, image)
         error = mse(self.image, image, mask, self.exposure)
         return PictureError(
@@ -77,17 +77,17 @@ class SpherePicture:
             by="look-ups" if slow else "plugin",
         )
 
-    def rendered(self, reflectance: Reflectance) -> np.ndarray:
+    def rendered(self, brdf: Brdf) -> np.ndarray:
         """Return the picture (pixels, pixels, 3) that Mitsuba renders, linear RGB."""
-        return render(self._scene(reflectance), spp=1).image
+        return render(self._scene(brdf), spp=1).image
 
-    def looked_up(self, reflectance: Reflectance) -> np.ndarray:
+    def looked_up(self, brdf: Brdf) -> np.ndarray:
         """Return the same picture from the reflectance's own values."""
         wi, wv = (
             np.concatenate([getattr(light, side) for light in self._directions])
             for side in ("omega_i", "omega_v")
         )
-        values = evaluate(reflectance, wi, wv, backend.types("float32").Float)
+        values = evaluate(brdf, wi, wv, backend.types("float32").Float)
         ends = np.cumsum([len(light) for light in self._directions])[:-1]
         parts = zip(self._directions, np.split(values, ends), strict=True)
         pictures = np.stack([light.picture(own) for light, own in parts])
@@ -98,7 +98,7 @@ class SpherePicture:
         scene = load(self._scene(self.truth))
         return [pixel_directions(scene, light) for light in range(self.lights)]
 
-    def _scene(self, reflectance: Reflectance) -> dict:
+    def _scene(self, brdf: Brdf) -> dict:
         backend.current()
-        bsdf = make_bsdf(reflectance)
+        bsdf = make_bsdf(brdf)
         return environment_sphere(bsdf, self.lights, self.pixels, pixel_centres=True)

@@ -14,7 +14,7 @@ MOST_SECTORS = 8  # beyond, the samples per stratum get too few to share out wel
 
 @dataclass(frozen=True)
 class Strata:
-    """The grid divided into strata: elevation pairs times sectors of phi_v − phi_i.
+    """The grid divided into strata: polar angle pairs times sectors of phi_v − phi_i.
 
     Highlights run along the diagonals of an azimuthal subspace, so a sector of the azimuth
     difference separates them where rectangles would cut across. The first sector is centred on
@@ -22,7 +22,7 @@ class Strata:
 
     Attributes:
         grid: what is divided.
-        sectors: number of sectors of each pair of elevations.
+        sectors: number of sectors of each pair of polar angles.
     """
 
     grid: AngularGrid
@@ -36,7 +36,7 @@ class Strata:
     @property
     def weights(self) -> np.ndarray:
         """Share of the grid's directions that each stratum holds; adds up to 1."""
-        pairs = self.grid.elevations**2
+        pairs = self.grid.thetas**2
         return np.tile(np.diff(self.edges), pairs) / (pairs * self.grid.azimuths)
 
     def draw(self, rng: np.random.Generator, counts: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -52,21 +52,21 @@ class Strata:
         phi_i = rng.integers(0, azimuths, len(stratum))
         difference = edges[sector] + (rng.random(len(stratum)) * widths[sector]).astype(np.int64)
         phi_v = (phi_i + difference + (azimuths - widths[0]) // 2) % azimuths
-        return stratum, *np.divmod(pair, self.grid.elevations), phi_i, phi_v
+        return stratum, *np.divmod(pair, self.grid.thetas), phi_i, phi_v
 
 
 def allocate(strata: Strata, spread: np.ndarray, wanted: int) -> np.ndarray:
     """Return the number of samples per stratum: two, and the rest by weight times spread.
 
     The spread of a stratum comes from few samples that may all have missed a highlight, so it is
-    averaged with the neighbouring elevations and with the other sectors of its pair.
+    averaged with the neighbouring polar angles and with the other sectors of its pair.
 
     Args:
         strata: the strata.
         spread: (strata,) standard deviation within each.
         wanted: number of samples in total.
     """
-    n = strata.grid.elevations
+    n = strata.grid.thetas
     variance = uniform_filter(spread.reshape(n, n, -1) ** 2, size=(3, 3, 1), mode="nearest")
     deviation = np.sqrt(np.maximum(variance, 0.0))
     overall = np.sqrt(np.mean(deviation**2, axis=2, keepdims=True))

@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 import markupsafe
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.evaluation.experiment.reconstructions import METHODS, SLICE_METHODS, Subject
 from simrig.evaluation.report.pictures import brdf_pictures, cost_plots, data_uri, slices_picture
 from simrig.rendering.environment import BUILTIN
@@ -22,7 +22,7 @@ _TEMPLATES = Path(__file__).with_name("templates")
 def render(
     results: Mapping[str, Any],
     folder: Path,
-    truth: Reflectance,
+    truth: Brdf,
     subjects: Sequence[Subject],
     settings: str,
 ) -> str:
@@ -38,7 +38,7 @@ def render(
     records = {record["key"]: record for record in results["reconstructions"]}
     by_method = {m: [s for s in subjects if s.plan.method == m] for m in METHODS}
     by_method = {method: own for method, own in by_method.items() if own}
-    finest = {own[-1].plan.key: own[-1].reflectance for own in by_method.values()}
+    finest = {own[-1].plan.key: own[-1].brdf for own in by_method.values()}
     rows = results["accuracy_versus_cost"]
     ranking = slice_ranking(rows)
     drawn = by_method[ranking[0]["method"]]

@@ -10,13 +10,13 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost
 from simrig.evaluation.metrics.images import difference_image
 from simrig.files.images import to_srgb8
 from simrig.rigs.measurements.slices import Measurement
 from simrig.viewing.brdf.figure import brdf_figure
-from simrig.viewing.brdf.picture import ELEVATIONS_DEG, brdf_exposure, brdf_picture
+from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture
 from simrig.viewing.plots import CostPoint, accuracy_versus_cost
 
 _AZIMUTH_STEP_DEG = 4.0  # of the BRDF pictures: tiles of 90 × 90 pixels
@@ -38,7 +38,7 @@ def _encoded(image: np.ndarray) -> str:
     return data_uri(buffer.getvalue())
 
 
-def slices_picture(truth: Reflectance, measurement: Measurement) -> dict[str, Any]:
+def slices_picture(truth: Brdf, measurement: Measurement) -> dict[str, Any]:
     """Return the BRDF picture with the slices and samples of a measurement on it."""
     return {
         "picture": data_uri(brdf_figure(truth, measurement=measurement, title="")),
@@ -49,8 +49,8 @@ def slices_picture(truth: Reflectance, measurement: Measurement) -> dict[str, An
 
 
 def brdf_pictures(
-    truth: Reflectance,
-    others: Mapping[str, Reflectance],
+    truth: Brdf,
+    others: Mapping[str, Brdf],
     theta_max_deg: float,
     difference_scale: float,
 ) -> dict[str, Any]:
@@ -58,19 +58,19 @@ def brdf_pictures(
 
     All share the exposure of the truth's; ``white`` is the f_r that is shown as white, in 1/sr.
     """
-    elevations = [degrees for degrees in ELEVATIONS_DEG if degrees <= theta_max_deg]
-    reference = brdf_picture(truth, elevations, _AZIMUTH_STEP_DEG)
+    thetas = [degrees for degrees in THETAS_DEG if degrees <= theta_max_deg]
+    reference = brdf_picture(truth, thetas, _AZIMUTH_STEP_DEG)
     exposure = brdf_exposure(reference)
     rows = {}
-    for key, reflectance in others.items():
-        picture = brdf_picture(reflectance, elevations, _AZIMUTH_STEP_DEG)
+    for key, brdf in others.items():
+        picture = brdf_picture(brdf, thetas, _AZIMUTH_STEP_DEG)
         difference = difference_image(reference, picture, difference_scale, exposure)
         rows[key] = {
             "picture": _encoded(to_srgb8(picture, exposure)),
             "difference": _encoded(difference),
         }
     return {
-        "elevations": elevations,
+        "thetas": thetas,
         "white": 1.0 / exposure,
         "truth": _encoded(to_srgb8(reference, exposure)),
         "others": rows,

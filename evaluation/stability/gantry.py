@@ -15,14 +15,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from simrig.brdf.minnaert import fit_lafortune
+from simrig.brdf.minnaert import fit_minnaert
 from simrig.core.cost import Cost
 from simrig.evaluation.stability.methods import method_row, signals
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.uniform import rbf_row
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import SubspaceNodes
-from simrig.reconstruction.gantry.polar_angles import Blend, fill_elevations, linear
+from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import subspaces
 from simrig.reconstruction.transport.grid import displacement, transport_rows
 from simrig.rigs.measurements.directions import DirectionsMeasurement
@@ -52,16 +52,16 @@ def _spline_rows() -> list[StabilityRow]:
     plan, rows = GantryPlan(), []
     for case, signal in signals().items():
         values = np.repeat(signal(plan.angles())[:, None], 3, axis=1)
-        nodes = SubspaceNodes.of(plan.elevations, subspaces(plan, values, _AZIMUTHS), case)
+        nodes = SubspaceNodes.of(plan.thetas, subspaces(plan, values, _AZIMUTHS), case)
         angles = np.stack([nodes.theta_i, nodes.theta_v, nodes.phi_i, nodes.phi_v], axis=1)
         samples = DirectionsMeasurement(angles, nodes.values, case, Cost())
         rows.append(rbf_row(case, "gantry, A", samples, None, True, reciprocal=False))
     return rows
 
 
-def _rebuilt(plan: GantryPlan, values: np.ndarray, blend: Blend) -> np.ndarray:
+def _reconstructed(plan: GantryPlan, values: np.ndarray, blend: Blend) -> np.ndarray:
     measured = subspaces(plan, np.repeat(values[:, None], 3, axis=1), _AZIMUTHS)
-    return fill_elevations(measured, np.array(plan.elevations), _WANTED, blend)
+    return fill_thetas(measured, np.array(plan.thetas), _WANTED, blend)
 
 
 def _scaled(name: str, case: str, plan: GantryPlan, blend: Blend, signal: Callable) -> StabilityRow:
@@ -70,12 +70,12 @@ def _scaled(name: str, case: str, plan: GantryPlan, blend: Blend, signal: Callab
     peak = float(values.max())
     exponent = int(np.frexp(peak)[1]) if peak > 0.0 else 0
     near_one = np.ldexp(values, -exponent)
-    reference = _rebuilt(plan, near_one, blend)
+    reference = _reconstructed(plan, near_one, blend)
     # what one unit in the last place of the values changes; of denormal ones it is large
     ulp = np.ldexp(np.spacing(values), -exponent)
     signs = np.random.default_rng(0).choice([-1.0, 1.0], len(values))
-    moved = _rebuilt(plan, np.maximum(near_one + signs * ulp, 0.0), blend)
-    found = _rebuilt(plan, values, blend)
+    moved = _reconstructed(plan, np.maximum(near_one + signs * ulp, 0.0), blend)
+    found = _reconstructed(plan, values, blend)
     scale = max(peak, _SMALLEST)
     return method_row(
         case,
@@ -90,7 +90,7 @@ def _scaled(name: str, case: str, plan: GantryPlan, blend: Blend, signal: Callab
 
 
 def _turned(name: str, case: str, plan: GantryPlan, signal: Callable) -> StabilityRow:
-    """Compare a material turned by 180° with the turned result, linearly between elevations."""
+    """Compare a material turned by 180° with the turned result, linearly between polar angles."""
     values, first = signal(plan.angles()), plan.knots().first
     slices = [values[a:b] for a, b in pairwise(first)]
     turned = np.concatenate([np.roll(one, len(one) // 2) for one in slices])
@@ -98,8 +98,8 @@ def _turned(name: str, case: str, plan: GantryPlan, signal: Callable) -> Stabili
     return method_row(
         f"{case}, half a turn",
         name,
-        _rebuilt(plan, turned, linear),
-        np.roll(_rebuilt(plan, values, linear), half, axis=(2, 3)),
+        _reconstructed(plan, turned, linear),
+        np.roll(_reconstructed(plan, values, linear), half, axis=(2, 3)),
         max(float(values.max()), _SMALLEST),
         sensitivity=1e-11,
         conditioning="positions along slices are kept to 1e-12 rad",
@@ -113,7 +113,7 @@ def _fit_rows() -> list[StabilityRow]:
     rows = []
     for exponent in (-2.0, 0.0, 1e-6, 3.0, 15.0):
         for k in (1e-300, 1e-30, 1.0, 1e30):
-            found = fit_lafortune(theta, theta, k * np.exp(exponent * cosines))
+            found = fit_minnaert(theta, theta, k * np.exp(exponent * cosines))
             rows.append(
                 method_row(
                     f"exponent {exponent:g}, k = {k:g}",
@@ -129,10 +129,10 @@ def _fit_rows() -> list[StabilityRow]:
         "all zero": np.zeros(16),
         "constant": np.full(16, 0.3),
         "one positive value": np.eye(16)[3],
-        "one elevation": np.full(16, 0.3),
+        "one polar angle": np.full(16, 0.3),
     }.items():
-        own = np.full(16, 0.7) if case == "one elevation" else theta
-        found = fit_lafortune(own, own, values)
+        own = np.full(16, 0.7) if case == "one polar angle" else theta
+        found = fit_minnaert(own, own, values)
         found_values = np.array([found.exponent, found.k])
         expected = np.array([0.0, values.mean()])
         rows.append(method_row(case, "Lafortune fit", found_values, expected, 1.0, condition=1e4))

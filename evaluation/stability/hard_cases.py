@@ -1,6 +1,6 @@
 """The hard cases of direction pairs and of values, in one list.
 
-Every reflectance, plugin, parameterisation and method is run against them. Directions are unit
+Every BRDF, plugin, parameterisation and method is run against them. Directions are unit
 vectors in float64, shape (n, 3), of the upper hemisphere unless the case says otherwise.
 """
 
@@ -15,7 +15,7 @@ from simrig.core.errors import unknown_name
 from simrig.directions import to_vector
 
 ROUGHNESS = (0.005, 0.01, 0.05, 0.2, 1.0, 3.0)
-REFLECTANCE_VALUES = (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e6)  # f_r in 1/sr; more than 28 EV apart
+BRDF_VALUES = (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e6)  # f_r in 1/sr; more than 28 EV apart
 
 Pair = tuple[np.ndarray, np.ndarray]
 _CASES: dict[str, tuple[str, Callable[[np.random.Generator, int], Pair]]] = {}
@@ -85,7 +85,7 @@ def _azimuths(rng: np.random.Generator, count: int) -> np.ndarray:
 def _between(
     rng: np.random.Generator, count: int, low_deg: float, high_deg: float = 90.0
 ) -> np.ndarray:
-    """Return directions with elevations between two angles."""
+    """Return directions with polar angles between two angles."""
     theta = np.radians(rng.uniform(low_deg, high_deg, count))
     return to_vector(theta, _azimuths(rng, count))
 
@@ -176,7 +176,7 @@ def _near_retro(rng: np.random.Generator, count: int) -> Pair:
     return wi, _tilted(rng, wi, _tiny(rng, count))
 
 
-@_case("equal-theta", "equal elevations, any azimuths: the diagonal of a table")
+@_case("equal-theta", "equal polar angles, any azimuths: the diagonal of a table")
 def _equal_theta(rng: np.random.Generator, count: int) -> Pair:
     theta = np.arccos(rng.uniform(0.0, 1.0, count))
     return to_vector(theta, _azimuths(rng, count)), to_vector(theta, _azimuths(rng, count))

@@ -1,7 +1,7 @@
 """Interpolation along highlights in the stability table: subspaces where φ_h is hard.
 
 Hard slices (all zero, spikes five orders above their neighbours, eighteen orders, denormals) with
-one and three slices of each kind, down to one sample per crossing, at elevations that differ
+one and three slices of each kind, down to one sample per crossing, at polar angles that differ
 widely, hardly, by rounding or not at all, next to the pole; azimuths on the slices, at the mirror
 direction and within one unit in the last place of a whole turn. Float32 is compared with float64.
 """
@@ -24,7 +24,7 @@ from simrig.reconstruction.slices.highlights import (
 
 _TURN = 2.0 * np.pi
 # theta_i and theta_v in degrees
-_ELEVATIONS = {
+_THETAS = {
     "apart": (30.0, 75.0),
     "equal": (60.0, 60.0),
     "equal but for rounding": (60.0, float(np.nextafter(60.0, 61.0))),
@@ -36,7 +36,7 @@ Signal = Callable[[np.ndarray], np.ndarray]
 
 
 def highlight_rows(signals: Mapping[str, Signal], backend_name: str) -> list[StabilityRow]:
-    """Return one row per signal, pair of elevations and number of slices.
+    """Return one row per signal, pair of polar angles and number of slices.
 
     Args:
         signals: angles (m, 4) to one value each, (m,).
@@ -46,9 +46,9 @@ def highlight_rows(signals: Mapping[str, Signal], backend_name: str) -> list[Sta
 
     rows = []
     for name, signal in signals.items():
-        for apart, degrees in _ELEVATIONS.items():
+        for apart, degrees in _THETAS.items():
             for slices in _SLICES:
-                subspace = _rebuilt(signal, degrees, slices)
+                subspace = _reconstructed(signal, degrees, slices)
                 phi_i, phi_v = _azimuths(slices)
                 reference = subspace.eval(phi_i, phi_v)
                 single = _on_device(subspace, phi_i, phi_v, backend_name)
@@ -69,7 +69,7 @@ def highlight_rows(signals: Mapping[str, Signal], backend_name: str) -> list[Sta
     return rows
 
 
-def _rebuilt(signal: Signal, degrees: tuple[float, float], slices: int) -> HighlightSubspace:
+def _reconstructed(signal: Signal, degrees: tuple[float, float], slices: int) -> HighlightSubspace:
     where = SubspacePlacement(*np.radians([*degrees, 360.0 / slices]).tolist())
 
     def measure(angles: np.ndarray, _: np.ndarray) -> np.ndarray:

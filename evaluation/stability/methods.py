@@ -15,13 +15,13 @@ from functools import partial
 
 import numpy as np
 
-from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.errors import SimrigError
 from simrig.evaluation.stability.hard_cases import HardCase
 from simrig.evaluation.stability.judgement import AMPLIFICATION, ROUNDINGS, direction_rows, explain
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.splines import slice_errors, slice_plans
-from simrig.evaluation.stability.subjects import FAINT, ReflectanceSubject
+from simrig.evaluation.stability.subjects import FAINT, BrdfSubject
 from simrig.plans.adaptive import leave_one_out_errors, sample_adaptively
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
@@ -58,8 +58,10 @@ def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
         gantry_rows,
         partial(reconstruction_rows, "cubic", cases, backend_name, reconstruct_along_highlights),
         *(
-            partial(reconstruction_rows, "cubic", few, backend_name, rebuild, slice_types, extra)
-            for rebuild in (reconstruct, reconstruct_along_highlights)
+            partial(
+                reconstruction_rows, "cubic", few, backend_name, reconstruct, slice_types, extra
+            )
+            for reconstruct in (reconstruct, reconstruct_along_highlights)
             for slice_types, extra in (("axial_diagonal", 400), ("all", 0))
         ),
         partial(highlight_rows, signals(), backend_name),
@@ -208,11 +210,11 @@ class _Measured:
 
 
 @dataclass(frozen=True, eq=False)
-class _ReconstructionSubject(ReflectanceSubject):
+class _ReconstructionSubject(BrdfSubject):
     """A reconstruction; formula D.1 cancels, so errors are relative to the largest value."""
 
     def scale(self, reference: np.ndarray) -> np.ndarray:
-        largest = max(float(array.max()) for array in self.reflectance.data().values())
+        largest = max(float(array.max()) for array in self.brdf.data().values())
         return np.full_like(reference, max(largest, FAINT))
 
 
@@ -220,17 +222,17 @@ def reconstruction_rows(
     interpolation: str,
     cases: list[HardCase],
     backend_name: str,
-    rebuild: Callable[..., SliceReflectance] = reconstruct,
+    reconstruct: Callable[..., SliceBrdf] = reconstruct,
     slice_types: str = "all",
     extra: int = 400,
 ) -> list[StabilityRow]:
-    """Return the rows of reflectances reconstructed from hard signals, over all directions.
+    """Return the rows of BRDFs reconstructed from hard signals, over all directions.
 
     Args:
         interpolation: along the slices.
         cases: hard cases of directions.
         backend_name: ``"llvm"`` or ``"cuda"``.
-        rebuild: from a measurement along slices to a reflectance.
+        reconstruct: from a measurement along slices to a BRDF.
         slice_types: which slices are measured.
         extra: samples beyond those where slices cross; with 0 many slices have one sample.
     """
@@ -240,11 +242,9 @@ def reconstruction_rows(
     rows = []
     for name, signal in signals().items():
         samples = _measured(signal, _PLACEMENT.intersections + extra, slice_types)
-        reflectance = rebuild(_Measured(samples, name, slice_types), interpolation)
-        reflectance.name = f"{rebuild.__name__.replace('_', ' ')}, {interpolation}{plan}"
+        brdf = reconstruct(_Measured(samples, name, slice_types), interpolation)
+        brdf.name = f"{reconstruct.__name__.replace('_', ' ')}, {interpolation}{plan}"
         case = HardCase(name, "all directions of the list", wi, wv)
         precisions = ("numpy-float64", "drjit-float32")
-        rows += direction_rows(
-            _ReconstructionSubject(reflectance), [case], precisions, backend_name
-        )
+        rows += direction_rows(_ReconstructionSubject(brdf), [case], precisions, backend_name)
     return rows

@@ -1,7 +1,7 @@
 """Plugins in the stability table: Mitsuba's eval, pdf and sample beside float64 and better.
 
 What a plugin computes is compared at the very directions that it was given (float32), with the
-reflectance times the cosine, with the density of the sampling mixture, and for drawn samples with
+BRDF times the cosine, with the density of the sampling mixture, and for drawn samples with
 the ratio of both at the direction that was drawn.
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf import Reflectance
+from simrig.brdf import Brdf
 from simrig.brdf.tables.packed import RELATIVE_ERROR
 from simrig.core import backend
 from simrig.evaluation.stability.hard_cases import HardCase
@@ -42,13 +42,13 @@ class _PluginSubject:
 
     @property
     def reads_angles(self) -> bool:
-        return any(np.ndim(array) > 1 for array in self.bsdf.reflectance.data().values())
+        return any(np.ndim(array) > 1 for array in self.bsdf.brdf.data().values())
 
     @property
     def conditioning(self) -> str:
         if not self.reads_angles:
-            return conditioning_of(self.bsdf.reflectance)
-        return f"values packed in 21 bits (2^-13); {conditioning_of(self.bsdf.reflectance)}"
+            return conditioning_of(self.bsdf.brdf)
+        return f"values packed in 21 bits (2^-13); {conditioning_of(self.bsdf.brdf)}"
 
     def scale(self, reference: np.ndarray) -> np.ndarray:
         return np.maximum(np.abs(reference), FAINT)
@@ -61,8 +61,8 @@ class _PluginSubject:
     ) -> np.ndarray | None:
         if not self.reads_angles:
             return None
-        reflectance = self.bsdf.reflectance
-        tables = reflectance.prepare(reflectance.on(np.ndarray))
+        brdf = self.bsdf.brdf
+        tables = brdf.prepare(brdf.on(np.ndarray))
         packed = {
             key: table * (1.0 + RELATIVE_ERROR * rng.choice([-1.0, 1.0], table.shape))
             for key, table in tables.items()
@@ -74,7 +74,7 @@ class _PluginSubject:
         return 1.0
 
     def _value(self, wi: np.ndarray, wv: np.ndarray, data: Any = None) -> np.ndarray:
-        return self.bsdf.reflectance.eval(wi, wv, data) * wi[..., 2:]
+        return self.bsdf.brdf.eval(wi, wv, data) * wi[..., 2:]
 
     def _density(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
         above = (wi[..., 2] > 0.0) & (wv[..., 2] > 0.0)
@@ -136,16 +136,16 @@ class _Weight(_PluginSubject):
 
 
 def plugin_jobs(
-    reflectances: Sequence[Reflectance], cases: Sequence[HardCase], variant: str
+    brdfs: Sequence[Brdf], cases: Sequence[HardCase], variant: str
 ) -> list[Callable[[], list[StabilityRow]]]:
-    """Return one job per plugin: every reflectance in the adapter, and the named plugins.
+    """Return one job per plugin: every BRDF in the adapter, and the named plugins.
 
     Args:
-        reflectances: what the adapter wraps.
+        brdfs: what the adapter wraps.
         cases: hard cases of direction pairs.
         variant: Mitsuba variant in single precision, already resolved.
     """
-    jobs = [partial(_rows_of_adapter, reflectance, cases, variant) for reflectance in reflectances]
+    jobs = [partial(_rows_of_adapter, brdf, cases, variant) for brdf in brdfs]
     named = [partial(_rows_of_named, *item, cases, variant) for item in _NAMED.items()]
     return [*jobs, *named]
 
@@ -170,13 +170,11 @@ def plugin_rows(
     return [row for subject, own in parts for row in direction_rows(subject, own, [variant])]
 
 
-def _rows_of_adapter(
-    reflectance: Reflectance, cases: Sequence[HardCase], variant: str
-) -> list[StabilityRow]:
+def _rows_of_adapter(brdf: Brdf, cases: Sequence[HardCase], variant: str) -> list[StabilityRow]:
     from simrig.plugins import make_bsdf
 
     backend.select(variant)
-    return plugin_rows(reflectance.name, make_bsdf(reflectance), cases, variant)
+    return plugin_rows(brdf.name, make_bsdf(brdf), cases, variant)
 
 
 _NAMED: dict[str, dict[str, Any]] = {

@@ -13,11 +13,11 @@ class StabilityRow:
 
     Attributes:
         case: name of the hard case.
-        object: name of the reflectance, parameterisation, plugin or method.
+        object: name of the BRDF, parameterisation, plugin or method.
         precision: ``numpy-float64``, ``drjit-float64``, ``drjit-float32``, the Mitsuba variant of
             a plugin, or ``stored-float32`` for methods whose result is kept in single precision.
         worst_relative: largest error relative to the reference at the same rounded input
-            (reflectances: to at least 1e-20 1/sr; parameterisations: to the unit length;
+            (BRDFs: to at least 1e-20 1/sr; parameterisations: to the unit length;
             methods: to the largest value of the data).
         worst_absolute: largest absolute error, in the unit of the values.
         non_finite: results with NaN or infinity.

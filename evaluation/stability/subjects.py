@@ -1,4 +1,4 @@
-"""What the stability table runs over the hard cases: reflectances and parameterisations."""
+"""What the stability table runs over the hard cases: BRDFs and parameterisations."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 from simrig.brdf import (
     KURT_MATERIALS,
     RESCALED_MATERIALS,
+    Brdf,
     Kurt,
     KurtLobe,
     Lambert,
-    Reflectance,
     Ward,
     evaluate,
     kurt_material,
 )
-from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.arrays import vector_type
 from simrig.directions import (
     from_half_difference,
@@ -29,9 +29,9 @@ from simrig.directions import (
     to_onion,
     to_vector,
 )
-from simrig.evaluation.stability.hard_cases import REFLECTANCE_VALUES, ROUGHNESS
+from simrig.evaluation.stability.hard_cases import BRDF_VALUES, ROUGHNESS
 
-# Relative errors of reflectances are relative to at least this (1/sr): 66 EV below white, where
+# Relative errors of BRDFs are relative to at least this (1/sr): 66 EV below white, where
 # products in float32 start to lose digits to underflow
 FAINT = 1e-20
 
@@ -73,28 +73,28 @@ class Subject(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class ReflectanceSubject:
-    """A reflectance: its values are f_r in three channels."""
+class BrdfSubject:
+    """A BRDF: its values are f_r in three channels."""
 
-    reflectance: Reflectance
+    brdf: Brdf
 
     @property
     def name(self) -> str:
-        return self.reflectance.name
+        return self.brdf.name
 
     @property
     def reads_angles(self) -> bool:
-        return any(np.ndim(array) > 1 for array in self.reflectance.data().values())
+        return any(np.ndim(array) > 1 for array in self.brdf.data().values())
 
     @property
     def conditioning(self) -> str:
-        return conditioning_of(self.reflectance)
+        return conditioning_of(self.brdf)
 
     def reference(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
-        return self.reflectance.eval(wi, wv)
+        return self.brdf.eval(wi, wv)
 
     def compute(self, wi: np.ndarray, wv: np.ndarray, float_type: type | None) -> np.ndarray:
-        return evaluate(self.reflectance, wi, wv, float_type)
+        return evaluate(self.brdf, wi, wv, float_type)
 
     def with_rounded_data(
         self, wi: np.ndarray, wv: np.ndarray, rng: np.random.Generator
@@ -108,14 +108,14 @@ class ReflectanceSubject:
         return np.any(values < 0.0, axis=-1)
 
 
-def conditioning_of(reflectance: Reflectance) -> str:
-    """Return in words what makes a reflectance sensitive to its directions."""
-    if isinstance(reflectance, SliceReflectance) and reflectance.bilinear:
+def conditioning_of(brdf: Brdf) -> str:
+    """Return in words what makes a BRDF sensitive to its directions."""
+    if isinstance(brdf, SliceBrdf) and brdf.bilinear:
         return (
             "the lower limit of formula D.1, the smallest of 32 slice values, jumps at the borders "
             "of cells; 1 ulp of the directions crosses them"
         )
-    if any(np.ndim(array) > 1 for array in reflectance.data().values()):
+    if any(np.ndim(array) > 1 for array in brdf.data().values()):
         return "the slope of the table over angles that 1 ulp of the directions moves"
     return "the slope of the lobe: the value changes as much with 1 ulp of the directions"
 
@@ -193,16 +193,16 @@ def default_parameterisations() -> list[RoundTripSubject]:
     ]
 
 
-def default_reflectances() -> list[Reflectance]:
-    """Return the reflectances of the table: all analytic models at their extremes, and tables."""
+def default_brdfs() -> list[Brdf]:
+    """Return the BRDFs of the table: all analytic models at their extremes, and tables."""
     return [*_analytic(), *_tabulated()]
 
 
-def _analytic() -> Iterable[Reflectance]:
+def _analytic() -> Iterable[Brdf]:
     yield Lambert((0.0, 0.0, 0.0), name="lambert_0")
     yield Lambert((1.0, 1.0, 1.0), name="lambert_1")
     yield Lambert((1e-310, 1e-40, 1e-38), name="lambert_denormal")
-    for value in REFLECTANCE_VALUES:
+    for value in BRDF_VALUES:
         yield Ward((value,) * 3, (value,) * 3, 0.2, 0.2, name=f"ward_value_{value:g}")
     for name in KURT_MATERIALS + RESCALED_MATERIALS:
         yield kurt_material(name)
@@ -216,7 +216,7 @@ def _analytic() -> Iterable[Reflectance]:
         yield Ward(black, m_x=0.005, m_y=3.0, variant=variant, name=f"ward_{variant}_0.005_3")
 
 
-def _tabulated() -> Iterable[Reflectance]:
+def _tabulated() -> Iterable[Brdf]:
     """Yield one material in every kind of table, coarsely: the nodes are hard, not the data."""
     from simrig.brdf.tables.resample import resample_isotropic
 
@@ -226,7 +226,7 @@ def _tabulated() -> Iterable[Reflectance]:
     yield _renamed(material, "isotropic_table")
 
 
-def small_slices() -> Reflectance:
+def small_slices() -> Brdf:
     """Return a material measured and reconstructed along few slices."""
     from simrig.plans.placement import SlicePlacement
     from simrig.reconstruction.slices.tables import reconstruct
@@ -237,7 +237,7 @@ def small_slices() -> Reflectance:
     return _renamed(reconstruct(measurement), "slices")
 
 
-def small_table() -> Reflectance:
+def small_table() -> Brdf:
     """Return a material in a coarse table over all four angles."""
     from simrig.brdf.tables.resample import resample_dense
 
@@ -245,6 +245,6 @@ def small_table() -> Reflectance:
     return _renamed(table, "dense_table")
 
 
-def _renamed(reflectance: Reflectance, name: str) -> Reflectance:
-    reflectance.name = name
-    return reflectance
+def _renamed(brdf: Brdf, name: str) -> Brdf:
+    brdf.name = name
+    return brdf

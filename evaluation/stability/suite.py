@@ -1,6 +1,6 @@
 """Numerical stability: everything that computes over every hard case, in every precision.
 
-Reflectances and parameterisations are computed in NumPy float64, Dr.Jit float64 and Dr.Jit
+BRDFs and parameterisations are computed in NumPy float64, Dr.Jit float64 and Dr.Jit
 float32, plugins through Mitsuba in float32, methods in the precisions that they have. Each is
 compared with a reference in extended precision **at the same rounded input**, so that the error
 is that of the arithmetic alone. What the rounding of the input itself costs is listed beside it.
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from simrig.brdf import Reflectance
+from simrig.brdf import Brdf
 from simrig.core import backend
 from simrig.core.errors import unknown_name
 from simrig.evaluation.stability.fuzz import fuzz_cases
@@ -22,10 +22,10 @@ from simrig.evaluation.stability.methods import method_jobs
 from simrig.evaluation.stability.plugins import plugin_jobs
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.subjects import (
-    ReflectanceSubject,
+    BrdfSubject,
     Subject,
+    default_brdfs,
     default_parameterisations,
-    default_reflectances,
 )
 
 Progress = Callable[[int, int], None]  # objects done, objects in total
@@ -36,7 +36,7 @@ def stability_suite(
     progress: Progress | None = None,
     seed: int = 0,
 ) -> list[StabilityRow]:
-    """Return the whole table: parameterisations, reflectances, plugins and methods.
+    """Return the whole table: parameterisations, BRDFs, plugins and methods.
 
     Args:
         backend_name: ``"auto"`` (CUDA where a usable GPU is, else LLVM), ``"llvm"`` or ``"cuda"``.
@@ -49,11 +49,11 @@ def stability_suite(
     variant = backend.resolve("auto" if backend_name == "auto" else f"{backend_name}_ad_rgb")
     backend_name = variant.partition("_")[0]
     cases = [*hard_cases(seed=seed), *fuzz_cases(seed=seed)]
-    reflectances = default_reflectances()
-    subjects = [*default_parameterisations(), *map(ReflectanceSubject, reflectances)]
+    brdfs = default_brdfs()
+    subjects = [*default_parameterisations(), *map(BrdfSubject, brdfs)]
     jobs = [
         *(lambda s=s: direction_rows(s, cases, PRECISIONS, backend_name) for s in subjects),
-        *plugin_jobs(reflectances, cases, variant),
+        *plugin_jobs(brdfs, cases, variant),
         *method_jobs(cases, backend_name),
     ]
     rows: list[StabilityRow] = []
@@ -67,16 +67,16 @@ def stability_suite(
 
 
 def stability_table(
-    reflectances: Iterable[Reflectance] | None = None,
+    brdfs: Iterable[Brdf] | None = None,
     parameterisations: Iterable[Subject] | None = None,
     cases: Sequence[HardCase] | None = None,
     precisions: Sequence[str] = PRECISIONS,
     backend_name: str = "auto",
 ) -> list[StabilityRow]:
-    """Return one row per reflectance or parameterisation, hard case and precision.
+    """Return one row per BRDF or parameterisation, hard case and precision.
 
     Args:
-        reflectances: by default those of ``default_reflectances()``.
+        brdfs: by default those of ``default_brdfs()``.
         parameterisations: by default those of ``default_parameterisations()``.
         cases: by default ``hard_cases()``.
         precisions: a selection of ``PRECISIONS``.
@@ -88,10 +88,10 @@ def stability_table(
     for precision in precisions:
         if precision not in PRECISIONS:
             raise unknown_name("precision", precision, PRECISIONS)
-    if reflectances is None:
-        reflectances = default_reflectances()
+    if brdfs is None:
+        brdfs = default_brdfs()
     if parameterisations is None:
         parameterisations = default_parameterisations()
     cases = hard_cases() if cases is None else cases
-    subjects = [*parameterisations, *map(ReflectanceSubject, reflectances)]
+    subjects = [*parameterisations, *map(BrdfSubject, brdfs)]
     return [row for s in subjects for row in direction_rows(s, cases, precisions, backend_name)]

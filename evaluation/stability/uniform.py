@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.brdf import Reflectance, evaluate
+from simrig.brdf import Brdf, evaluate
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
@@ -21,7 +21,7 @@ from simrig.evaluation.stability.hard_cases import HardCase
 from simrig.evaluation.stability.judgement import direction_rows
 from simrig.evaluation.stability.methods import method_row, refused_row, signals
 from simrig.evaluation.stability.rows import StabilityRow
-from simrig.evaluation.stability.subjects import FAINT, ReflectanceSubject
+from simrig.evaluation.stability.subjects import FAINT, BrdfSubject
 from simrig.plans.uniform import UniformPlan
 from simrig.reconstruction.scattered.by_name import reconstruct_by_name
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
@@ -35,12 +35,12 @@ _PRECISIONS = ("numpy-float64", "drjit-float32")
 
 
 @dataclass(frozen=True, eq=False)
-class _TableSubject(ReflectanceSubject):
+class _TableSubject(BrdfSubject):
     """A table; weights that vanish at a node let neighbours in by their rounding error, so errors
     are relative to the largest value."""
 
     def scale(self, reference: np.ndarray) -> np.ndarray:
-        largest = float(self.reflectance.data()["values"].max())
+        largest = float(self.brdf.data()["values"].max())
         return np.full_like(reference, max(largest, FAINT))
 
 
@@ -68,9 +68,9 @@ def uniform_rows(cases: list[HardCase], backend_name: str) -> list[StabilityRow]
     for method, plan in plans.items():
         for name, signal in signals().items():
             made = reconstruct_by_name(method, _measured(plan, name, signal))
-            made.reflectance.name = f"reconstruct, {method}"
+            made.brdf.name = f"reconstruct, {method}"
             case = HardCase(name, "all directions of the list", wi, wv)
-            subject = _TableSubject(made.reflectance)
+            subject = _TableSubject(made.brdf)
             rows += direction_rows(subject, [case], _PRECISIONS, backend_name)
         rows += list_rows(method, plan)
     return rows
@@ -97,14 +97,14 @@ def list_rows(method: str, plan: HemisphereScheme) -> list[StabilityRow]:
         "one sample": (easy.angles[-1:], easy.values[-1:]),
     }
     name, rows = f"reconstruct, {method}", []
-    reference = reconstruct_by_name(method, easy).reflectance.data()["values"]
+    reference = reconstruct_by_name(method, easy).brdf.data()["values"]
     for case, (angles, values) in lists.items():
         try:
             made = reconstruct_by_name(method, DirectionsMeasurement(angles, values, case, Cost()))
         except SimrigError as error:
             rows.append(refused_row(case, name, error))
             continue
-        found = made.reflectance.data()["values"]
+        found = made.brdf.data()["values"]
         rows.append(method_row(case, name, found, reference, float(reference.max()), single=True))
     return rows
 
@@ -136,7 +136,8 @@ def rbf_row(
     Args:
         case, name: of the row.
         measurement: the samples.
-        neighbours, logarithms, reciprocal: see ``simrig.reconstruction.scattered.rbf.reconstruct_rbf``.
+        neighbours, logarithms, reciprocal: see
+        ``simrig.reconstruction.scattered.rbf.reconstruct_rbf``.
     """
     try:
         result = reconstruct_rbf(
@@ -144,16 +145,16 @@ def rbf_row(
         )
     except SimrigError as error:
         return refused_row(case, name, error)
-    found = _at(result.reflectance, measurement.angles)
+    found = _at(result.brdf, measurement.angles)
     low, high = (edge(measurement.values, axis=0) for edge in (np.min, np.max))
     rng = np.random.default_rng(2)
     theta = np.arccos(rng.uniform(0.0, 1.0, (_QUERIES, 2)))
     queries = np.concatenate([theta, rng.uniform(0.0, 7.0, (_QUERIES, 2))], axis=1)
-    anywhere = _at(result.reflectance, queries)
+    anywhere = _at(result.brdf, queries)
     wrong = int(np.sum(~((anywhere >= low) & (anywhere <= high))))
     scale = max(float(measurement.values.max()), float(np.finfo(np.float64).tiny))
     # samples that are merged lie as far from their node
-    moved = _at(result.reflectance, measurement.angles + _MERGED) - found
+    moved = _at(result.brdf, measurement.angles + _MERGED) - found
     slope = float(np.abs(moved).max()) / scale if "merged" in str(result.notes) else 0.0
     smoothed = max((fit.residual for fit in result.fits if fit.smoothed), default=0.0)
     # of the system of all samples: those of local splines are parts of it
@@ -171,10 +172,10 @@ def rbf_row(
     )
 
 
-def _at(reflectance: Reflectance, angles: np.ndarray) -> np.ndarray:
+def _at(brdf: Brdf, angles: np.ndarray) -> np.ndarray:
     """Return f_r at angles (n, 4) theta_i, theta_v, phi_i, phi_v, shape (n, 3)."""
     theta_i, theta_v, phi_i, phi_v = angles.T
-    return evaluate(reflectance, to_vector(theta_i, phi_i), to_vector(theta_v, phi_v))
+    return evaluate(brdf, to_vector(theta_i, phi_i), to_vector(theta_v, phi_v))
 
 
 def _means_of_repeated(measurement: DirectionsMeasurement) -> np.ndarray:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from simrig.evaluation.studies import (
+    along_highlights,
     critical_distance,
-    improved,
     isotropic_measured,
     plan_validation,
     table_5_3,
@@ -13,7 +13,7 @@ from simrig.evaluation.studies.btf_against_structure import study as btf_against
 from simrig.evaluation.studies.btf_slices import study as btf_slices
 from simrig.evaluation.studies.engine.base import Study
 from simrig.evaluation.studies.gantry import methods as gantry_methods
-from simrig.evaluation.studies.gantry import polar_angles as gantry_elevations
+from simrig.evaluation.studies.gantry import polar_angles as gantry_thetas
 from simrig.evaluation.studies.gantry import slices as gantry_slices
 from simrig.evaluation.studies.pareto import study as pareto
 from simrig.evaluation.studies.placement import study as placement
@@ -26,10 +26,10 @@ STUDIES: dict[str, Study] = {
         table_5_2.STUDY,
         table_5_3.STUDY,
         placement.STUDY,
-        gantry_elevations.STUDY,
+        gantry_thetas.STUDY,
         gantry_slices.STUDY,
         gantry_methods.STUDY,
-        improved.STUDY,
+        along_highlights.STUDY,
         critical_distance.STUDY,
         isotropic_measured.STUDY,
         plan_validation.STUDY,

@@ -2,9 +2,9 @@
 
 The thesis asked people (Figs 3.11 to 3.14) and fitted E = k_1 + k_2·S·F to their answers (Tables
 3.1 and 3.2). Here the features F look at the presets of ``simrig.mesostructure`` as
-``simrig/viewing/structure/probe.py`` shows them, S is the size of the presets' largest element, and the
-published constants give the distances. Our materials are not the thesis's, so groups are compared;
-its distances of single materials are drawn only. The same features are then fitted to the
+``simrig/viewing/structure/probe.py`` shows them, S is the size of the presets' largest element, and
+the published constants give the distances. Our materials are not the thesis's, so groups are
+compared; its distances of single materials are drawn only. The same features are then fitted to the
 published distances of the groups, with leave-one-out, beside Tables 3.1 and 3.2.
 
 Source: thesis section 3.3 with Tables 3.1 to 3.3, Figs 3.11 to 3.16; section 3.4.
@@ -29,7 +29,7 @@ from simrig.perception import (
 )
 from simrig.viewing.plots import COLOURS, finish_figure, new_figure
 from simrig.viewing.room import GROUP_DISTANCES_M
-from simrig.viewing.structure.probe import FEATURES, PATCH, PREDICTING, look, tile_stimulus
+from simrig.viewing.structure.probe import FEATURES, PATCH, PREDICTING, probe, tile_stimulus
 
 # thesis Table 3.1: Pearson correlation of S·F with experiment B; VDP2 stands beside FLIP
 PUBLISHED_CORRELATIONS = {
@@ -70,7 +70,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
     backend.select()
     tile = build_tile(cell["material"])
-    seen = look(tile_stimulus(tile, config["pixels"], config["spp"]), tile.element_mm)
+    seen = probe(tile_stimulus(tile, config["pixels"], config["spp"]), tile.element_mm)
     found = {f"found_{method}_mm": size for method, size in seen.found_mm.items()}
     automatic = {
         f"{name}_found_m": float(

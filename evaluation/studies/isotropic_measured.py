@@ -48,7 +48,7 @@ FILES = (
 )
 _COMMON = {
     "folder": "../shared/data",
-    "elevations_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
+    "thetas_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
     "azimuth_step_deg": 15.0,
 }
 
@@ -76,7 +76,7 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
-    """Measure and rebuild one material; a row with ``present`` false where there is no file."""
+    """Measure and reconstruct one material; a row with ``present`` false where there is no file."""
     path = Path(config["folder"]) / cell["file"]
     if not path.is_file():
         return [{"present": False, "notes": f"no file '{path}'"}]

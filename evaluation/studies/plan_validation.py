@@ -122,9 +122,9 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _builder(scene: str, material: str, resolution: int) -> Callable[[], dict[str, Any]]:
-    reflectance = load_material(material)
+    brdf = load_material(material)
     options = {"resolution": resolution, **SCENE_OPTIONS[scene]}
-    return lambda: build_scene(scene, make_bsdf(reflectance), **options)
+    return lambda: build_scene(scene, make_bsdf(brdf), **options)
 
 
 def _cell(

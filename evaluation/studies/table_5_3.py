@@ -33,7 +33,7 @@ from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 
-# case: (samples, elevation step, azimuth step, slice types)
+# case: (samples, polar angle step, azimuth step, slice types)
 CASES: dict[str, tuple[int, float, float, str]] = {
     "a": (8911, 14.0, 36.0, "all"),
     "b": (8911, 14.0, 36.0, "axial_diagonal"),

@@ -2,15 +2,15 @@
 
 from simrig.brdf.analytic import Kurt, KurtLobe, Lambert, Ward
 from simrig.brdf.kurt_materials import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
-from simrig.brdf.protocol import Reflectance, above_horizon, evaluate
+from simrig.brdf.protocol import Brdf, above_horizon, evaluate
 
 __all__ = [
     "KURT_MATERIALS",
     "RESCALED_MATERIALS",
+    "Brdf",
     "Kurt",
     "KurtLobe",
     "Lambert",
-    "Reflectance",
     "Ward",
     "above_horizon",
     "evaluate",

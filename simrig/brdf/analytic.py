@@ -1,4 +1,4 @@
-"""Analytic reflectance models: Lambert, Ward, and Kurt et al."""
+"""Analytic BRDF models: Lambert, Ward, and Kurt et al."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.core.arrays import Array, components, namespace, vector, where_colour
 from simrig.core.errors import SimrigError, unknown_name
 
@@ -30,7 +30,7 @@ def _number(name: str, value: float, low: float, high: float) -> float:
     return float(value)
 
 
-class Lambert(Reflectance):
+class Lambert(Brdf):
     """The ideal diffuse reflector, f_r = albedo / π.
 
     Args:
@@ -47,7 +47,7 @@ class Lambert(Reflectance):
         return {"albedo": self.albedo}
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that rebuild the model together with ``data()``: none."""
+        """Return the plain values that reconstruct the model together with ``data()``: none."""
         return {}
 
     @classmethod
@@ -97,7 +97,7 @@ def _exp_or_zero(exponent: Array) -> Array:
     return xp.select(exponent < -80.0, 0.0, xp.exp(xp.maximum(exponent, -80.0)))
 
 
-class Ward(Reflectance):
+class Ward(Brdf):
     """Ward's anisotropic model.
 
     f_r = k_d/π + k_s · exp(−(x²/m_x² + y²/m_y²)/z²) / (4π m_x m_y · N) with (x, y, z) the half
@@ -109,7 +109,7 @@ class Ward(Reflectance):
       whose albedo stays at or below k_d + k_s.
 
     Args:
-        k_d, k_s: diffuse and specular reflectance, linear RGB.
+        k_d, k_s: diffuse and specular BRDF, linear RGB.
         m_x, m_y: roughness along x and y, in [0.005, 3].
         variant: see above.
     """
@@ -142,7 +142,7 @@ class Ward(Reflectance):
         }
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that rebuild the model together with ``data()``."""
+        """Return the plain values that reconstruct the model together with ``data()``."""
         return {"variant": self.variant}
 
     @classmethod
@@ -186,7 +186,7 @@ class KurtLobe:
 
     Attributes:
         k_s: specular coefficient, linear RGB.
-        f_0: Fresnel reflectance at normal incidence (Schlick), in [0, 1].
+        f_0: Fresnel BRDF at normal incidence (Schlick), in [0, 1].
         m_x, m_y: roughness along x and y, in [0.005, 3].
         alpha: exponent of the cosines in the denominator, in [0, 1].
     """
@@ -206,7 +206,7 @@ class KurtLobe:
 
 
 @dataclass(eq=False)
-class Kurt(Reflectance):
+class Kurt(Brdf):
     """The anisotropic microfacet model of Kurt, Szirmay-Kalos and Křivánek 2010.
 
     f_r = k_d/π + Σ k_s F D / (4 (v·h) ((n·i)(n·v))^α), with F Schlick's term on v·h and D the
@@ -238,7 +238,7 @@ class Kurt(Reflectance):
         return data
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that rebuild the model together with ``data()``."""
+        """Return the plain values that reconstruct the model together with ``data()``."""
         return {"lobes": len(self.lobes)}
 
     @classmethod

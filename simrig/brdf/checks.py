@@ -1,4 +1,4 @@
-"""Checks of reflectance values that every table and reader shares."""
+"""Checks of BRDF values that every table and reader shares."""
 
 from __future__ import annotations
 

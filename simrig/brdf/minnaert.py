@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.core.arrays import Array, components, namespace, vector, where_colour
 from simrig.core.errors import SimrigError
 
@@ -18,7 +18,7 @@ _TINY = 1e-12  # smallest product of cosines
 _LARGEST_LOG = 60.0  # of the lobe, so that float32 stays finite at the horizon
 
 
-class Lafortune(Reflectance):
+class Minnaert(Brdf):
     """f_r = k (cos θ_i · cos θ_v)^α: what of Lafortune's lobe does not depend on azimuths.
 
     Args:
@@ -27,13 +27,13 @@ class Lafortune(Reflectance):
             factor of e^60.
     """
 
-    kind = "lafortune"
+    kind = "minnaert"
 
     def __init__(
         self,
         k: Sequence[float] = (0.2, 0.2, 0.2),
         exponent: float = 1.0,
-        name: str = "lafortune",
+        name: str = "minnaert",
     ):
         self.k = np.asarray(k, dtype=np.float64)
         if self.k.shape != (3,) or not np.all(np.isfinite(self.k)) or self.k.min() < 0.0:
@@ -47,13 +47,13 @@ class Lafortune(Reflectance):
         return {"k": self.k, "exponent": np.asarray(self.exponent)}
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that rebuild the model together with ``data()``: none."""
+        """Return the plain values that reconstruct the model together with ``data()``: none."""
         return {}
 
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> Lafortune:
+    ) -> Minnaert:
         """Rebuild the model from ``structure()`` and ``data()``."""
         return cls(tuple(data["k"].tolist()), float(data["exponent"]), name)
 
@@ -68,8 +68,8 @@ class Lafortune(Reflectance):
         return where_colour(above_horizon(wi, wv), value)
 
 
-class LafortuneFit(NamedTuple):
-    """What ``fit_lafortune`` found.
+class MinnaertFit(NamedTuple):
+    """What ``fit_minnaert`` found.
 
     Attributes:
         k, exponent: of the model.
@@ -81,15 +81,15 @@ class LafortuneFit(NamedTuple):
     residual: float
 
 
-def fit_lafortune(theta_i: np.ndarray, theta_v: np.ndarray, values: np.ndarray) -> LafortuneFit:
+def fit_minnaert(theta_i: np.ndarray, theta_v: np.ndarray, values: np.ndarray) -> MinnaertFit:
     """Fit k and α to values of one channel by least squares.
 
     The start is the median of the slopes between all pairs of values in logarithms (Theil and
     Sen), so a few outliers cannot send the fit elsewhere. Values that say nothing of α (all zero,
-    one elevation only, one positive value) give α = 0.
+    one polar angle only, one positive value) give α = 0.
 
     Args:
-        theta_i, theta_v: elevations in radians, (n,), below 90°.
+        theta_i, theta_v: polar angles in radians, (n,), below 90°.
         values: (n,), finite and >= 0.
 
     Raises:
@@ -102,7 +102,7 @@ def fit_lafortune(theta_i: np.ndarray, theta_v: np.ndarray, values: np.ndarray) 
         raise SimrigError("the Lafortune model is fitted to finite values >= 0, at least one")
     scale = float(values.max())
     if scale == 0.0:
-        return LafortuneFit(0.0, 0.0, 0.0)
+        return MinnaertFit(0.0, 0.0, 0.0)
     y = values / scale
     x = np.log(np.maximum(np.cos(theta_i) * np.cos(theta_v), _TINY))
     slope = _median_slope(x, y)
@@ -123,7 +123,7 @@ def fit_lafortune(theta_i: np.ndarray, theta_v: np.ndarray, values: np.ndarray) 
         )
         k, exponent = float(np.exp(found.x[0])), float(found.x[1])
     residual = np.sqrt(np.mean((k * np.exp(exponent * x) - y) ** 2) / np.mean(y**2))
-    return LafortuneFit(k * scale, exponent, float(residual))
+    return MinnaertFit(k * scale, exponent, float(residual))
 
 
 def _median_slope(x: np.ndarray, y: np.ndarray) -> float | None:

@@ -1,4 +1,4 @@
-"""What every reflectance answers: f_r for arrays of directions, in whatever array type."""
+"""What every BRDF answers: f_r for arrays of directions, in whatever array type."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from simrig.core.arrays import Array, components, float_type, to_device
 
 
-class Reflectance(ABC):
-    """A bidirectional reflectance distribution function f_r(ω_i, ω_v), linear RGB, in 1/sr.
+class Brdf(ABC):
+    """A bidirectional BRDF distribution function f_r(ω_i, ω_v), linear RGB, in 1/sr.
 
     Directions are unit vectors of the local frame (z is the normal) that point away from the
     surface. f_r never contains the cosine. The value is black where a direction is at or below
@@ -19,7 +19,7 @@ class Reflectance(ABC):
 
     Attributes:
         name: what reports and files call it.
-        theta_max: largest elevation with data, in radians; beyond it the value is held.
+        theta_max: largest polar angle with data, in radians; beyond it the value is held.
         reciprocal: whether f_r(ω_i, ω_v) = f_r(ω_v, ω_i) by construction.
     """
 
@@ -65,7 +65,7 @@ class Reflectance(ABC):
     ) -> Mapping[str, Array]:
         """Return the arrays that ``eval`` reads, derived from device copies of the data.
 
-        By default these are the copies themselves. A reflectance that looks up faster in another
+        By default these are the copies themselves. A BRDF that looks up faster in another
         layout returns that layout here; it has to be made again whenever the data change.
 
         Args:
@@ -90,13 +90,11 @@ def above_horizon(wi: Array, wv: Array) -> Array:
     return (components(wi)[2] > 0.0) & (components(wv)[2] > 0.0)
 
 
-def evaluate(
-    reflectance: Reflectance, wi: np.ndarray, wv: np.ndarray, dtype: type | None = None
-) -> np.ndarray:
+def evaluate(brdf: Brdf, wi: np.ndarray, wv: np.ndarray, dtype: type | None = None) -> np.ndarray:
     """Evaluate f_r on NumPy arrays of directions.
 
     Args:
-        reflectance: what to evaluate.
+        brdf: what to evaluate.
         wi, wv: unit vectors, shape (..., 3).
         dtype: ``None`` evaluates in NumPy float64; a Dr.Jit float type (for example
             ``drjit.llvm.ad.Float64``) evaluates there.
@@ -106,10 +104,10 @@ def evaluate(
     """
     wi, wv = np.broadcast_arrays(np.asarray(wi, dtype=np.float64), np.asarray(wv, dtype=np.float64))
     if dtype is None:
-        return reflectance.eval(wi, wv)
+        return brdf.eval(wi, wv)
     from simrig.core.arrays import vector_type
 
     make = vector_type(dtype)
     flat_i, flat_v = wi.reshape(-1, 3), wv.reshape(-1, 3)
-    out = reflectance.eval(make(*flat_i.T.copy()), make(*flat_v.T.copy()))
+    out = brdf.eval(make(*flat_i.T.copy()), make(*flat_v.T.copy()))
     return np.array(out, dtype=np.float64).T.reshape(wi.shape)

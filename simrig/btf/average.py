@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.btf.grid import PairGrid
 from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
@@ -13,7 +13,7 @@ from simrig.directions.spherical import to_angles
 _SAME = 1e-5  # largest distance of two unit vectors that are one direction
 
 
-def average_brdf(stack: BtfStack) -> BarycentricReflectance:
+def average_brdf(stack: BtfStack) -> BarycentricBrdf:
     """Return the BRDF by spatial averaging (thesis section 1.1.1), which renders.
 
     Args:
@@ -34,6 +34,4 @@ def average_brdf(stack: BtfStack) -> BarycentricReflectance:
         )
     samples = stack.mean()
     theta, phi = to_angles(grid.lights)
-    return BarycentricReflectance(
-        theta, phi, samples.values[grid.images[:, nearest]], name=samples.name
-    )
+    return BarycentricBrdf(theta, phi, samples.values[grid.images[:, nearest]], name=samples.name)

@@ -22,23 +22,23 @@ from simrig.brdf.tables.packed_bfloat16 import (
     gather_eight,
     inner,
     joined,
-    pack_eights,
+    pack_bfloat16,
 )
 from simrig.btf.factors import factorise
 from simrig.btf.grid import PairGrid
-from simrig.btf.mipmap import MOST_PROBES, Pyramid, Texel, box_average
-from simrig.btf.spatial import SpatialReflectance
+from simrig.btf.mipmap import MOST_ANISOTROPY, Mipmap, Texel, box_average
+from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.core.arrays import Array, float_type, scale, vector
 from simrig.core.errors import SimrigError
-from simrig.directions.triangulation import Place
+from simrig.directions.triangulation import BarycentricLocation
 
 MOST_COMPONENTS = 64  # of a view, eight packets
 TOLERANCE = 0.2
 _FACTORS = ("basis", "coefficients")
 
 
-class FactoredBtf(SpatialReflectance):
+class FactoredBtf(SpatialBrdf):
     """Look-up of factors: coefficients are averaged over a footprint, then meet the angular ones.
 
     Where the sum falls below zero f_r is 0. The factors are differentiable; where derivatives are
@@ -64,7 +64,7 @@ class FactoredBtf(SpatialReflectance):
         basis: np.ndarray,
         coefficients: np.ndarray,
         grid: PairGrid,
-        pyramid: Pyramid,
+        mipmap: Mipmap,
         name: str = "btf",
         error: float = 0.0,
     ):
@@ -73,14 +73,14 @@ class FactoredBtf(SpatialReflectance):
         wanted = (
             (grid.pairs, 3),
             (grid.pairs, 3, components),
-            (pyramid.texels * len(grid.views), components),
+            (mipmap.texels * len(grid.views), components),
         )
         if shapes != wanted or components % EIGHT or not components:
             raise SimrigError(f"factors of shapes {shapes} do not fit BTF '{name}'")
         self._mean, self._basis, self._coefficients = (
             np.ascontiguousarray(table, dtype=np.float32) for table in (mean, basis, coefficients)
         )
-        self.grid, self.pyramid, self.name, self.error = grid, pyramid, name, float(error)
+        self.grid, self.mipmap, self.name, self.error = grid, mipmap, name, float(error)
         self.theta_max = grid.theta_max
 
     @classmethod
@@ -91,7 +91,7 @@ class FactoredBtf(SpatialReflectance):
         tolerance: float = TOLERANCE,
         components: int = MOST_COMPONENTS,
         missing: str = "refuse",
-        probes: int = MOST_PROBES,
+        anisotropy: int = MOST_ANISOTROPY,
     ) -> FactoredBtf:
         """Factorise a stack; beside the factors only blocks of it are held.
 
@@ -101,7 +101,7 @@ class FactoredBtf(SpatialReflectance):
                 components as it takes, in packets of eight.
             components: of a view, at most so many; rounded up to packets.
             missing: ``"refuse"``; filling needs neighbours' images, so fill in the full form.
-            probes: most probes along a footprint.
+            anisotropy: most samples along a footprint.
 
         Raises:
             SimrigError: missing pairs, values that cannot be, or numbers that cannot be.
@@ -116,14 +116,14 @@ class FactoredBtf(SpatialReflectance):
             raise SimrigError(f"BTF '{stack.name}' has missing images: fill them in the full form")
         most = -(-int(components) // EIGHT) * EIGHT
         factors = factorise(stack, grid, tolerance, most, EIGHT)
-        pyramid = Pyramid(stack.resolution, stack.size_mm, probes)
+        mipmap = Mipmap(stack.resolution, stack.size_mm, anisotropy)
         width = factors.coefficients.shape[-1]
         levels = [
             box_average(factors.coefficients, shape).reshape(-1, width).astype(np.float32)
-            for shape in pyramid.shapes
+            for shape in mipmap.shapes
         ]
         mean, basis = factors.mean.reshape(-1, 3), factors.basis.reshape(-1, 3, width)
-        return cls(mean, basis, np.concatenate(levels), grid, pyramid, stack.name, factors.error)
+        return cls(mean, basis, np.concatenate(levels), grid, mipmap, stack.name, factors.error)
 
     @property
     def components(self) -> int:
@@ -143,13 +143,13 @@ class FactoredBtf(SpatialReflectance):
         }
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that rebuild the BTF together with ``data()``."""
+        """Return the plain values that reconstruct the BTF together with ``data()``."""
         return {
             "lights": self.grid.lights.ravel().tolist(),
             "views": self.grid.views.ravel().tolist(),
-            "resolution": list(self.pyramid.shapes[0]),
-            "size_mm": list(self.pyramid.size_mm),
-            "probes": self.pyramid.probes,
+            "resolution": list(self.mipmap.shapes[0]),
+            "size_mm": list(self.mipmap.size_mm),
+            "anisotropy": self.mipmap.anisotropy,
             "error": self.error,
         }
 
@@ -173,7 +173,7 @@ class FactoredBtf(SpatialReflectance):
             data["basis"],
             data["coefficients"],
             PairGrid(lights, views, images),
-            Pyramid((height, width), size, int(structure["probes"])),
+            Mipmap((height, width), size, int(structure["anisotropy"])),
             name,
             float(structure["error"]),
         )
@@ -185,21 +185,23 @@ class FactoredBtf(SpatialReflectance):
         single = dr.is_jit_v(kind) and dr.type_v(kind) == dr.VarType.Float32
         factors = {name: data[name] for name in _FACTORS}
         if single and not differentiable:
-            factors = {name: pack_eights(table) for name, table in factors.items()}
+            factors = {name: pack_bfloat16(table) for name, table in factors.items()}
         mean = prepare_table({"values": data["mean"]}, differentiable)
-        return {"gain": data["gain"], **mean, **factors, **self.pyramid.tables(kind)}
+        return {"gain": data["gain"], **mean, **factors, **self.mipmap.tables(kind)}
 
     @property
     def layers(self) -> int:
         """Packets of eight components."""
         return self.components // EIGHT
 
-    def context(self, light: Place, view: Place) -> tuple[Place, Place]:
+    def context(
+        self, light: BarycentricLocation, view: BarycentricLocation
+    ) -> tuple[BarycentricLocation, BarycentricLocation]:
         return light, view
 
     def texel(
         self,
-        context: tuple[Place, Place],
+        context: tuple[BarycentricLocation, BarycentricLocation],
         layer: Array,
         texel: Texel,
         data: Mapping[str, Array],
@@ -214,7 +216,7 @@ class FactoredBtf(SpatialReflectance):
 
     def finish(
         self,
-        context: tuple[Place, Place],
+        context: tuple[BarycentricLocation, BarycentricLocation],
         layer: Array,
         average: Array,
         data: Mapping[str, Array],
@@ -230,7 +232,7 @@ class FactoredBtf(SpatialReflectance):
 
     def average_over_tile(
         self,
-        context: tuple[Place, Place],
+        context: tuple[BarycentricLocation, BarycentricLocation],
         data: Mapping[str, Array],
         like: Array,
         active: Array,
@@ -238,7 +240,9 @@ class FactoredBtf(SpatialReflectance):
         return self._over_pairs(context, lambda pair, _: read_colour(data, pair, like, active))
 
     def _over_pairs(
-        self, context: tuple[Place, Place], read: Callable[[Array, int], Array]
+        self,
+        context: tuple[BarycentricLocation, BarycentricLocation],
+        read: Callable[[Array, int], Array],
     ) -> Array:
         """Return the blend of what is read of the nine pairs, by number and corner of the view."""
         light, view = context

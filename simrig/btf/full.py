@@ -10,12 +10,12 @@ import numpy as np
 
 from simrig.brdf.tables.packed import pack_colours, read_packed
 from simrig.btf.grid import PairGrid
-from simrig.btf.mipmap import MOST_PROBES, Pyramid, Texel, box_average, level_shapes
-from simrig.btf.spatial import SpatialReflectance, cached
+from simrig.btf.mipmap import MOST_ANISOTROPY, Mipmap, Texel, box_average, level_shapes
+from simrig.btf.spatial import SpatialBrdf, cached
 from simrig.btf.stack import BLOCK_BYTES, BtfStack
 from simrig.core.arrays import Array, float_type, scale
 from simrig.core.errors import SimrigError, unknown_name
-from simrig.directions.triangulation import Place
+from simrig.directions.triangulation import BarycentricLocation
 
 BUDGET_BYTES = 2 << 30  # of a stack's look-up table, unless told otherwise
 OVER_BUDGET = ("refuse", "coarsen")
@@ -24,7 +24,7 @@ _MOST_TEXELS = 2**32 - 1  # what 32-bit indices reach
 _Pairs = list[tuple[Array, Array]]  # numbers of the pairs around directions, and their weights
 
 
-class FullBtf(SpatialReflectance):
+class FullBtf(SpatialBrdf):
     """Look-up of 3 × 3 images around the directions, bilinear, in a pyramid of box averages.
 
     Values keep 12 bits of mantissa (``simrig.brdf.tables.packed``: off by at most 1.2e-4 of
@@ -35,8 +35,8 @@ class FullBtf(SpatialReflectance):
 
     kind = "btf_full"
 
-    def __init__(self, packed: np.ndarray, grid: PairGrid, pyramid: Pyramid, name: str):
-        self._packed, self.grid, self.pyramid, self.name = packed, grid, pyramid, name
+    def __init__(self, packed: np.ndarray, grid: PairGrid, mipmap: Mipmap, name: str):
+        self._packed, self.grid, self.mipmap, self.name = packed, grid, mipmap, name
         self.theta_max = grid.theta_max
 
     @classmethod
@@ -47,7 +47,7 @@ class FullBtf(SpatialReflectance):
         missing: str = "refuse",
         budget_bytes: int = BUDGET_BYTES,
         over_budget: str = "refuse",
-        probes: int = MOST_PROBES,
+        anisotropy: int = MOST_ANISOTROPY,
     ) -> FullBtf:
         """Read a stack block by block; never more than a block is held beside the table.
 
@@ -56,27 +56,27 @@ class FullBtf(SpatialReflectance):
             missing: ``"refuse"`` or ``"fill"`` pairs without an image (see ``PairGrid``).
             budget_bytes: the table may not be larger.
             over_budget: ``"refuse"`` a larger one, or ``"coarsen"``: leave out the finest levels.
-            probes: most probes along a footprint.
+            anisotropy: most samples along a footprint.
 
         Raises:
             SimrigError: missing pairs, values that cannot be, a table over the budget.
         """
         grid = PairGrid.of(stack, missing)
         shape = fitting_shape(stack, grid.pairs, budget_bytes, over_budget)
-        pyramid = Pyramid(shape, stack.size_mm, probes)
-        packed = np.empty(grid.pairs * pyramid.texels, dtype=np.uint64)
+        mipmap = Mipmap(shape, stack.size_mm, anisotropy)
+        packed = np.empty(grid.pairs * mipmap.texels, dtype=np.uint64)
         place = np.empty(len(stack), dtype=np.int64)
         place[grid.images[grid.images >= 0]] = np.flatnonzero(grid.images.ravel() >= 0)
         for part, block in stack.blocks(BLOCK_BYTES):
-            _store(packed, pyramid, grid.pairs, place[part], block)
+            _store(packed, mipmap, grid.pairs, place[part], block)
         for light, view in grid.missing.tolist():
             image = sum(
                 weight * np.asarray(stack.values[number], dtype=np.float64)
                 for number, weight in grid.sources(light, view)
             )
             number = np.array([light * len(grid.views) + view])
-            _store(packed, pyramid, grid.pairs, number, np.asarray(image)[None])
-        return cls(packed, grid, pyramid, stack.name)
+            _store(packed, mipmap, grid.pairs, number, np.asarray(image)[None])
+        return cls(packed, grid, mipmap, stack.name)
 
     @property
     def device_bytes(self) -> int:
@@ -93,9 +93,9 @@ class FullBtf(SpatialReflectance):
         if dr.is_jit_v(kind):
             wide: Any = dr.uint64_array_t(kind)
             table = cached(self, kind, "packed", lambda: wide(self._packed))
-        return {"gain": data["gain"], "packed": table, **self.pyramid.tables(kind)}
+        return {"gain": data["gain"], "packed": table, **self.mipmap.tables(kind)}
 
-    def context(self, light: Place, view: Place) -> _Pairs:
+    def context(self, light: BarycentricLocation, view: BarycentricLocation) -> _Pairs:
         count = len(self.grid.views)
         return [
             (light.nodes[i] * count + view.nodes[v], light.weights[i] * view.weights[v])
@@ -142,10 +142,10 @@ def fitting_shape(
 
 
 def _store(
-    packed: np.ndarray, pyramid: Pyramid, pairs: int, numbers: np.ndarray, images: np.ndarray
+    packed: np.ndarray, mipmap: Mipmap, pairs: int, numbers: np.ndarray, images: np.ndarray
 ) -> None:
     """Write the levels of some images; ``numbers`` are their pairs on the grid."""
-    for (height, width), start in zip(pyramid.shapes, pyramid.starts.tolist(), strict=True):
+    for (height, width), start in zip(mipmap.shapes, mipmap.starts.tolist(), strict=True):
         count = height * width
         level = packed[start * pairs : (start + count) * pairs].reshape(pairs, count)
         texels = box_average(images, (height, width))

@@ -81,7 +81,7 @@ class PairGrid:
 
     @property
     def theta_max(self) -> float:
-        """Largest elevation that both directions have, in radians."""
+        """Largest polar angle that both directions have, in radians."""
         lowest = max(self.lights[:, 2].min(), self.views[:, 2].min())
         return float(np.arccos(np.clip(lowest, 0.0, 1.0)))
 

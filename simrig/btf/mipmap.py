@@ -3,7 +3,7 @@
 Level 0 is the tile itself. Every further level halves both counts of texels (rounded down, at
 least one) and holds box averages over the whole area of its texels, whatever the counts; the last
 level is a single texel, the mean. Between texels the look-up is bilinear and periodic, between
-levels linear. A footprint longer than wide is covered by several probes along its major axis.
+levels linear. A footprint longer than wide is covered by several samples along its major axis.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from simrig.core.arrays import (
 )
 from simrig.core.errors import SimrigError
 
-MOST_PROBES = 8  # along the major axis, unless told otherwise
+MOST_ANISOTROPY = 8  # along the major axis, unless told otherwise
 _SMALLEST = 1e-12  # of a footprint's width, in texels
 _PER_OCTAVE = 1.0 / math.log(2.0)
 
@@ -67,13 +67,13 @@ class Texel:
     weight: Array
 
 
-class Pyramid:
+class Mipmap:
     """The levels of a tile.
 
     Args:
         resolution: height and width of level 0 in texels.
         size_mm: width and height of the tile.
-        probes: most probes along the major axis of a footprint, >= 1.
+        anisotropy: most samples along the major axis of a footprint, >= 1.
 
     Attributes:
         shapes: (height, width) per level; the last is (1, 1).
@@ -85,11 +85,11 @@ class Pyramid:
         self,
         resolution: tuple[int, int],
         size_mm: tuple[float, float],
-        probes: int = MOST_PROBES,
+        anisotropy: int = MOST_ANISOTROPY,
     ):
-        if probes != int(probes) or probes < 1:
-            raise SimrigError(f"probes must be a whole number >= 1, got {probes}")
-        self.probes, self.size_mm = int(probes), size_mm
+        if anisotropy != int(anisotropy) or anisotropy < 1:
+            raise SimrigError(f"anisotropy must be a whole number >= 1, got {anisotropy}")
+        self.anisotropy, self.size_mm = int(anisotropy), size_mm
         self.shapes = level_shapes(resolution)
         counts = np.array([height * width for height, width in self.shapes])
         self.starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -129,7 +129,7 @@ class Pyramid:
         width = xp.maximum(footprint.width, _SMALLEST * self.texel_mm)
         length = xp.sqrt(footprint.major_x**2 + footprint.major_y**2)
         # rounded: nearly round footprints need one
-        count = _limited(xp.floor(length / width + 0.5), 1.0, float(self.probes))
+        count = _limited(xp.floor(length / width + 0.5), 1.0, float(self.anisotropy))
         # where that is fewer than the footprint is long, a wider one blurs, but does not alias
         width = xp.maximum(width, length / count)
         level = xp.log(width / self.texel_mm) * _PER_OCTAVE
@@ -137,7 +137,7 @@ class Pyramid:
         lower = to_index(level)
         share = level - lower  # of the coarser level
 
-        def tap(number: Array) -> Array:
+        def sample(number: Array) -> Array:
             """Return the share of one probe in one level: first those in the finer one."""
             coarser = number >= count
             probe = number - xp.select(coarser, count, 0.0)
@@ -148,14 +148,14 @@ class Pyramid:
             rank = lower + to_index(xp.select(coarser, 1.0, 0.0))
             return self._level(x, y, rank, part / count, tables, look_up)
 
-        taps = xp.select(share > 0.0, 2.0 * count, count)
-        if dr.is_jit_v(taps):
-            return _sum_jit(tap, taps, numbers)
-        total = tap(0.0 * taps)
-        for number in range(1, int(np.max(taps))):
-            # a tap beyond the last repeats the first, with no weight
-            used = taps > number
-            value = tap(xp.select(used, float(number), 0.0) + 0.0 * taps)
+        samples = xp.select(share > 0.0, 2.0 * count, count)
+        if dr.is_jit_v(samples):
+            return _sum_jit(sample, samples, numbers)
+        total = sample(0.0 * samples)
+        for number in range(1, int(np.max(samples))):
+            # a sample beyond the last repeats the first, with no weight
+            used = samples > number
+            value = sample(xp.select(used, float(number), 0.0) + 0.0 * samples)
             total = total + scale(value, xp.select(used, 1.0, 0.0))
         return total
 
@@ -210,9 +210,9 @@ def _overlap(length: int, count: int) -> np.ndarray:
     return np.maximum(upper - lower, 0.0) * (count / length)
 
 
-def _sum_jit(tap: Callable[[Array], Array], count: Any, numbers: int) -> Any:
+def _sum_jit(sample: Callable[[Array], Array], count: Any, numbers: int) -> Any:
     def body(number: Any, total: Any) -> tuple[Any, Any]:
-        return number + 1.0, total + tap(number)
+        return number + 1.0, total + sample(number)
 
     kind = type(count)
     return dr.while_loop(
@@ -220,7 +220,7 @@ def _sum_jit(tap: Callable[[Array], Array], count: Any, numbers: int) -> Any:
         cond=lambda number, total: number < count,
         body=body,
         labels=("number", "total"),
-        label="taps of a footprint",
+        label="samples of a footprint",
         max_iterations=-1,  # a plain sum, which has derivatives in reverse
     )[1]
 

@@ -9,19 +9,19 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.btf.grid import PairGrid
-from simrig.btf.mipmap import Footprint, Pyramid, Texel
+from simrig.btf.mipmap import Footprint, Mipmap, Texel
 from simrig.core.arrays import Array, float_type, is_numpy, vector_type, where_colour
-from simrig.directions.triangulation import Place
+from simrig.directions.triangulation import BarycentricLocation
 
 
-class SpatialReflectance(Reflectance):
+class SpatialBrdf(Brdf):
     """A BTF over a grid of direction pairs: seamless in angles, filtered over distance.
 
-    ``eval_at`` answers for a footprint; ``eval``, as for every reflectance, for the average of
+    ``eval_at`` answers for a footprint; ``eval``, as for every BRDF, for the average of
     the whole tile, which is the material's BRDF. Angles are interpolated barycentrically, 3 × 3
-    measured pairs, exact at measured ones; beyond the largest elevation the value is held.
+    measured pairs, exact at measured ones; beyond the largest polar angle the value is held.
     Every form is linear in the texels, so a filtered look-up is the average of f_r.
 
     Attributes:
@@ -31,14 +31,14 @@ class SpatialReflectance(Reflectance):
 
     reciprocal = False
     grid: PairGrid
-    pyramid: Pyramid
+    mipmap: Mipmap
     texel_numbers = 3  # that ``texel`` returns
     deviations = False  # whether the parts are deviations from the average of the tile
 
     @property
     def size_mm(self) -> tuple[float, float]:
         """Width and height of the tile."""
-        return self.pyramid.size_mm
+        return self.mipmap.size_mm
 
     @property
     @abstractmethod
@@ -51,7 +51,7 @@ class SpatialReflectance(Reflectance):
         return 1
 
     @abstractmethod
-    def context(self, light: Place, view: Place) -> Any:
+    def context(self, light: BarycentricLocation, view: BarycentricLocation) -> Any:
         """Return what look-ups need of the directions' places, whatever the texel."""
 
     @abstractmethod
@@ -79,7 +79,7 @@ class SpatialReflectance(Reflectance):
     ) -> Array:
         """Return f_r averaged over the whole tile, a colour of the type of ``like``."""
         index = index_of(like)
-        texel = Texel(index(int(self.pyramid.starts[-1])), index(1), index(0), 1.0)
+        texel = Texel(index(int(self.mipmap.starts[-1])), index(1), index(0), 1.0)
         return self.texel(context, index(0), texel, data, active)
 
     def eval_at(
@@ -102,7 +102,7 @@ class SpatialReflectance(Reflectance):
 
         def layer(number: Array) -> Array:
             look_up = lambda texel: self.texel(context, number, texel, data, active)  # noqa: E731
-            average = self.pyramid.average(footprint, data, look_up, self.texel_numbers)
+            average = self.mipmap.average(footprint, data, look_up, self.texel_numbers)
             return self.finish(context, number, average, data, active)
 
         value = self._sum(layer, index_of(wi), float_type(wi))
@@ -125,7 +125,7 @@ class SpatialReflectance(Reflectance):
             value = value + layer(index(number))
         return value
 
-    def directions(self, wi: Array, wv: Array) -> tuple[Place, Place]:
+    def directions(self, wi: Array, wv: Array) -> tuple[BarycentricLocation, BarycentricLocation]:
         """Return where both directions lie among the measured ones."""
         kind = float_type(wi)
         light, view = self.grid.light, self.grid.view

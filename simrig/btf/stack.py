@@ -159,7 +159,7 @@ def check_angles(angles: np.ndarray, pairs: int, name: str) -> None:
         name: of the BTF.
 
     Raises:
-        SimrigError: another shape, NaN, or an elevation outside [0, 90°].
+        SimrigError: another shape, NaN, or a polar angle outside [0, 90°].
     """
     if angles.shape != (pairs, 4):
         raise SimrigError(
@@ -171,7 +171,7 @@ def check_angles(angles: np.ndarray, pairs: int, name: str) -> None:
     low, high = angles[:, :2].min(), angles[:, :2].max()
     if low < -1e-6 or high > np.pi / 2 + 1e-6:
         raise SimrigError(
-            f"BTF '{name}' has elevations from {np.degrees(low):g}° to {np.degrees(high):g}°, "
+            f"BTF '{name}' has polar angles from {np.degrees(low):g}° to {np.degrees(high):g}°, "
             "outside 0° to 90° (radians are expected)"
         )
 

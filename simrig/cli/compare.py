@@ -32,7 +32,7 @@ def compare(
     ] = False,
     step: Annotated[float, typer.Option(help="Degrees between directions of materials.")] = 2.0,
     theta_max: Annotated[
-        float, typer.Option(help="Largest elevation of materials, degrees.")
+        float, typer.Option(help="Largest polar angle of materials, degrees.")
     ] = 80.0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
 ) -> frame.Report:
@@ -83,11 +83,11 @@ def _pictures(
 
 
 def _materials(reference: str, other: str, step: float, theta_max: float) -> frame.Report:
-    from simrig.evaluation.comparison import compare_reflectances
+    from simrig.evaluation.comparison import compare_brdfs
     from simrig.files.load import load_material
 
     truth, approximation = load_material(reference), load_material(other)
     with frame.progress("comparing"):
-        result = compare_reflectances(truth, approximation, step_deg=step, theta_max_deg=theta_max)
+        result = compare_brdfs(truth, approximation, step_deg=step, theta_max_deg=theta_max)
     data = {"reference": reference, "other": other, **result.to_dict()}
     return frame.Report(data, [result.table(f"{other} beside {reference}")])

@@ -43,18 +43,18 @@ def convert(
     if output is None:
         raise SimrigError("name the file to write: simrig convert MATERIAL OUTPUT")
     with output_file(output, force):
-        reflectance = load_material(material, clamp_negative)
-        saved = save_material(output, reflectance, format)
+        brdf = load_material(material, clamp_negative)
+        saved = save_material(output, brdf, format)
     return frame.Report(
         data={
-            "material": reflectance.name,
+            "material": brdf.name,
             "output": output,
             "format": saved.format,
             "bytes": saved.bytes,
             "error": asdict(saved.error),
         },
         shown=[
-            f"{output}: {reflectance.name} as {saved.format}, {saved.bytes:,} bytes",
+            f"{output}: {brdf.name} as {saved.format}, {saved.bytes:,} bytes",
             f"read again: {saved.error}",
         ],
     )

@@ -55,18 +55,18 @@ def distance(
     What is looked at: a flat piece from 0.6 m under two lights, or a cylinder that stands there,
     see docs/perception.md.
     """
-    from simrig.viewing.structure.probe import FEATURES, look
+    from simrig.viewing.structure.probe import FEATURES, probe
 
     size: float | None
     if stimulus not in STIMULI:
         raise unknown_name("stimulus", stimulus, STIMULI)
-    look_at = _cylinder if stimulus == CYLINDER else _flat
-    shown, given = look_at(material, size_mm, spp=spp, seed=seed, texels=texels)
+    show = _cylinder if stimulus == CYLINDER else _flat
+    shown, given = show(material, size_mm, spp=spp, seed=seed, texels=texels)
     if structure_mm is not None:
         size, source = structure_mm, "given"
     else:
         size, source = given, "of the preset" if given else "found in the spectrum"
-    seen = look(shown, size)
+    seen = probe(shown, size)
     rows = [(name, seen.features[name], *_predicted(name, seen.distances_m)) for name in FEATURES]
     height, width = shown.textured.shape
     found = ", ".join(f"{size:.3g} mm by {name}" for name, size in seen.found_mm.items())
@@ -151,7 +151,7 @@ def _flat(
     material: str, size_mm: float | None = None, *, spp: int | None, seed: int = 0, **_of_btf: int
 ) -> tuple[Stimulus, float | None]:
     """Return a flat piece, and the size of its structure where it is known."""
-    from simrig.viewing.structure import probe as looks
+    from simrig.viewing.structure import probe as probes
 
     is_picture = Path(material).suffix.lower() in _PICTURES
     if is_picture and size_mm is None:
@@ -164,14 +164,14 @@ def _flat(
     if size_mm is not None:
         from simrig.files.images import read_image
 
-        return looks.image_stimulus(read_image(material), size_mm, Path(material).name), None
+        return probes.image_stimulus(read_image(material), size_mm, Path(material).name), None
     if Path(material).suffix.lower() in _HDF5:
         from simrig.files.btf.hdf5 import read_btf
 
         stack = read_btf(material)
-        return looks.btf_stimulus(stack), looks.element_of_preset(stack.name)
+        return probes.btf_stimulus(stack), probes.element_of_preset(stack.name)
     tile = _tile(material, seed)
-    return looks.tile_stimulus(tile, spp=spp or 256), tile.element_mm
+    return probes.tile_stimulus(tile, spp=spp or 256), tile.element_mm
 
 
 def _cylinder(
@@ -217,7 +217,7 @@ def _metres(value: str) -> float:
     try:
         return float(value)
     except ValueError:
-        from simrig.viewing.structure.probe import look
+        from simrig.viewing.structure.probe import probe
 
         stimulus, size = _flat(value, spp=64)
-        return look(stimulus, size).distances_m["saliency"]
+        return probe(stimulus, size).distances_m["saliency"]

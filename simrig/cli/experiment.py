@@ -107,7 +107,7 @@ def _summary(results: dict[str, Any]) -> Any:
             record["label"],
             record["total"]["hardware_hours"],
             record["total"]["compute_seconds"],
-            record["reflectance"]["mre_percent"],
+            record["brdf"]["mre_percent"],
             record["scenes"][first]["errors"]["delta_e"],
         )
         for record in results["reconstructions"]

@@ -133,7 +133,7 @@ def _with_nearest(message: str) -> str:
 
 
 def _mute_native_messages() -> None:
-    """Let ``simrig.core.backend`` be the first to import Dr.Jit, which it does without its messages."""
+    """Let the backend be the first to import Dr.Jit, which it does without its messages."""
     with suppress(ImportError):  # the doctor must be able to say that Dr.Jit is missing
         importlib.import_module("simrig.core.backend")
 

@@ -13,7 +13,7 @@ from simrig.cli.structures import describe, listing
 from simrig.core.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
-    from simrig.brdf import Reflectance
+    from simrig.brdf import Brdf
 
 _ALBEDO_VIEWS_DEG = (0.0, 60.0)  # of one material; lists show the first
 _SHOWN_NUMBERS = 12  # parameters with more values are tables, shown by their shape
@@ -71,17 +71,17 @@ def _draw(name: str, path: Path, force: bool) -> str:
 
     from simrig.files.images import write_exr, write_png
     from simrig.files.load import load_material
-    from simrig.viewing.brdf.picture import ELEVATIONS_DEG, brdf_exposure, brdf_picture
+    from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture
 
     if path.suffix not in (".png", ".exr"):
         raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
-    reflectance = load_material(name)
-    top = np.degrees(reflectance.theta_max)
-    image = brdf_picture(reflectance, [e for e in ELEVATIONS_DEG if e <= top])
+    brdf = load_material(name)
+    top = np.degrees(brdf.theta_max)
+    image = brdf_picture(brdf, [e for e in THETAS_DEG if e <= top])
     exposure = brdf_exposure(image)
     with output_file(path, force) as temporary:
         if path.suffix == ".exr":
-            write_exr(temporary, image, {"material": reflectance.name, "unit": "1/sr"})
+            write_exr(temporary, image, {"material": brdf.name, "unit": "1/sr"})
         else:
             write_png(temporary, image, exposure)
     height, width = image.shape[:2]
@@ -118,9 +118,9 @@ def _all() -> frame.Report:
 def _material(name: str) -> frame.Report:
     from simrig.files.load import load_material
 
-    reflectance = load_material(name)
-    about = _summary(reflectance, _origin(name), _ALBEDO_VIEWS_DEG)
-    about["parameters"] = {key: _parameter(value) for key, value in reflectance.data().items()}
+    brdf = load_material(name)
+    about = _summary(brdf, _origin(name), _ALBEDO_VIEWS_DEG)
+    about["parameters"] = {key: _parameter(value) for key, value in brdf.data().items()}
     rows = [(key, about[key]) for key in ("name", "model", "origin", "theta_max_deg", "reciprocal")]
     rows += [(f"albedo at {view}°", _triple(rgb)) for view, rgb in about["albedo"].items()]
     rows += list(about["parameters"].items())
@@ -152,22 +152,21 @@ def _scene(name: str) -> frame.Report:
     )
 
 
-def _summary(reflectance: Reflectance, origin: str, views_deg: tuple[float, ...]) -> dict[str, Any]:
+def _summary(brdf: Brdf, origin: str, views_deg: tuple[float, ...]) -> dict[str, Any]:
     """Return what one line of the list says, angles in degrees, albedo in linear RGB."""
     import numpy as np
 
     from simrig.brdf.albedo import directional_albedo
 
     albedo = {
-        f"{view:g}": directional_albedo(reflectance, np.radians(view)).tolist()
-        for view in views_deg
+        f"{view:g}": directional_albedo(brdf, np.radians(view)).tolist() for view in views_deg
     }
     return {
-        "name": reflectance.name,
-        "model": type(reflectance).__name__,
+        "name": brdf.name,
+        "model": type(brdf).__name__,
         "origin": origin,
-        "theta_max_deg": round(float(np.degrees(reflectance.theta_max)), 6),
-        "reciprocal": bool(reflectance.reciprocal),
+        "theta_max_deg": round(float(np.degrees(brdf.theta_max)), 6),
+        "reciprocal": bool(brdf.reciprocal),
         "albedo": albedo,
     }
 

@@ -1,4 +1,4 @@
-"""``simrig measure`` and ``simrig reconstruct``: from a material to samples to a reflectance."""
+"""``simrig measure`` and ``simrig reconstruct``: from a material to samples to a BRDF."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from simrig.cli import effect_options, frame
 from simrig.cli.gantry import measure_gantry
 from simrig.cli.measured import measurement_report
 from simrig.cli.outputs import output_file
-from simrig.cli.reconstruct import Method, load_measurement, rebuilt
+from simrig.cli.reconstruct import Method, load_measurement, reconstructed
 from simrig.cli.schemes import DEFAULT_THETA_MAX, measure_scheme, scheme_of
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
@@ -66,15 +66,15 @@ def measure(
         str | None,
         typer.Option(help="All pairs of a scheme instead: 1 to 30, a name, uniform or regular."),
     ] = None,
-    elevation_step: Annotated[
+    theta_step: Annotated[
         float | None,
-        typer.Option(help="Degrees between elevations; by Table 5.1 for --samples else."),
+        typer.Option(help="Degrees between polar angles; by Table 5.1 for --samples else."),
     ] = None,
     azimuth_step: Annotated[
-        float | None, typer.Option(help="Degrees between slices; given with --elevation-step.")
+        float | None, typer.Option(help="Degrees between slices; given with --theta-step.")
     ] = None,
     theta_max: Annotated[
-        float, typer.Option(help="Largest elevation in degrees.")
+        float, typer.Option(help="Largest polar angle in degrees.")
     ] = DEFAULT_THETA_MAX,
     slices: Annotated[SliceTypes, typer.Option(help="Which slices.")] = SliceTypes.ALL,
     k: Annotated[float, typer.Option(help="Parameter k of algorithm 5.1.")] = 0.9,
@@ -96,7 +96,7 @@ def measure(
     for a reciprocal material: one of the thirty uniform schemes by its number, another scheme by
     its name, or the densest uniform scheme or regular grid that --samples allow.
 
-    With --rig gantry it measures one axial and one diagonal slice at each pair of two elevations,
+    With --rig gantry it measures one axial and one diagonal slice at each pair of two polar angles,
     168 samples in six minutes; with --samples as many slices as those allow.
 
     Which effects of the rig are simulated follows from the tolerance (dE=0.5 unless given): those
@@ -105,7 +105,7 @@ def measure(
     What was measured so far is kept in .NAME.checkpoint beside the output: after Ctrl-C (or a
     kill) the same command goes on from there, with the same result as without the interruption.
     """
-    placed = elevation_step or azimuth_step or slices != SliceTypes.ALL
+    placed = theta_step or azimuth_step or slices != SliceTypes.ALL
     if scheme is not None and placed:
         raise SimrigError("--scheme measures no slices: leave out the options that place them")
     if isotropic and rig != Rig.GANTRY:
@@ -133,18 +133,18 @@ def measure(
     device, plan = Gonioreflectometer(instrument=Instrument(seed=seed)), None
     listed = None if scheme is None else scheme_of(scheme, samples, theta_max)
     with output_file(output, force):
-        reflectance = load_material(material)
+        brdf = load_material(material)
         if rig == Rig.GANTRY:
-            return measure_gantry(reflectance, samples, isotropic, output)
+            return measure_gantry(brdf, samples, isotropic, output)
         checkpoint = output.with_name(f".{output.name}.checkpoint")
         frame.on_interrupt(f"run the same command again to go on from '{checkpoint}'")
         if listed is not None:
             effects = None if ideal else (allowed, overrides)
-            return measure_scheme(reflectance, device, listed, output, checkpoint, effects)
-        placement = _placement(wished, elevation_step, azimuth_step, theta_max)
+            return measure_scheme(brdf, device, listed, output, checkpoint, effects)
+        placement = _placement(wished, theta_step, azimuth_step, theta_max)
         if not ideal:
             plan = plan_rig(
-                reflectance,
+                brdf,
                 device,
                 allowed,
                 placement=placement,
@@ -153,9 +153,9 @@ def measure(
                 slice_types=slice_types,
             )
             device = with_plan(device, plan)
-        with frame.progress(f"measuring {reflectance.name}") as report:
+        with frame.progress(f"measuring {brdf.name}") as report:
             measurement = device.measure(
-                reflectance,
+                brdf,
                 placement,
                 wished,
                 slice_types=slice_types,
@@ -178,22 +178,20 @@ def measure(
 
 
 def _placement(
-    samples: int, elevation_step: float | None, azimuth_step: float | None, theta_max: float
+    samples: int, theta_step: float | None, azimuth_step: float | None, theta_max: float
 ) -> SlicePlacement:
     from simrig.plans.placement import SlicePlacement, optimal_placement
 
-    if (elevation_step is None) != (azimuth_step is None):
-        raise SimrigError("give --elevation-step and --azimuth-step together, or neither")
-    if elevation_step is None or azimuth_step is None:
+    if (theta_step is None) != (azimuth_step is None):
+        raise SimrigError("give --theta-step and --azimuth-step together, or neither")
+    if theta_step is None or azimuth_step is None:
         return optimal_placement(samples, theta_max)
-    return SlicePlacement.from_degrees(elevation_step, azimuth_step, theta_max)
+    return SlicePlacement.from_degrees(theta_step, azimuth_step, theta_max)
 
 
 def reconstruct(
     measurement: Annotated[Path, typer.Argument(help="A measurement written by 'measure'.")],
-    output: Annotated[
-        Path, typer.Option(help="The reflectance: .h5, or another format by its ending.")
-    ],
+    output: Annotated[Path, typer.Option(help="The BRDF: .h5, or another format by its ending.")],
     method: Annotated[
         Method | None,
         typer.Option(help="By what was measured else: slices, barycentric or gantry-b."),
@@ -211,7 +209,7 @@ def reconstruct(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
 ) -> frame.Report:
-    """Reconstruct the whole reflectance from a measurement: of slices, a scheme or a gantry.
+    """Reconstruct the whole BRDF from a measurement: of slices, a scheme or a gantry.
 
     The methods: docs/methods.md. Radial basis functions (rbf-…) are too slow to render and are
     stored as a table.
@@ -221,13 +219,13 @@ def reconstruct(
     measured = load_measurement(measurement)
     with output_file(output, force):
         elapsed = stopwatch()
-        made = rebuilt(measured, method, interpolation and str(interpolation), step)
+        made = reconstructed(measured, method, interpolation and str(interpolation), step)
         seconds = elapsed()
-        saved = save_material(output, made.reflectance, format)
+        saved = save_material(output, made.brdf, format)
     return frame.Report(
         data={
             "output": output,
-            "material": made.reflectance.name,
+            "material": made.brdf.name,
             "samples": measured.cost.samples,
             "method": made.method,
             "interpolation": made.interpolation,
@@ -237,7 +235,7 @@ def reconstruct(
             "bytes": saved.bytes,
         },
         shown=[
-            f"{output}: {made.reflectance.name}, {saved.format} format, in {seconds:.2f} s, "
+            f"{output}: {made.brdf.name}, {saved.format} format, in {seconds:.2f} s, "
             f"{saved.bytes:,} bytes",
             *([", ".join(made.notes)] if made.notes else []),
         ],

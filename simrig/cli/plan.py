@@ -79,7 +79,7 @@ def _experiment(path: str, variant: str, *decided: Any) -> frame.Report:
 
     from simrig.core import backend
     from simrig.evaluation.experiment.config import Experiment
-    from simrig.planning import plan_experiment
+    from simrig.evaluation.experiment.plans import plan_experiment
 
     config = effect_options.experiment_with(Experiment.from_toml(Path(path)), *decided)
     if variant != "auto":

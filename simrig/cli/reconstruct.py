@@ -12,8 +12,8 @@ from simrig.cli import frame
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.brdf import Reflectance
-    from simrig.brdf.tables.rbf import RbfReflectance
+    from simrig.brdf import Brdf
+    from simrig.brdf.tables.rbf import RbfBrdf
     from simrig.rigs.gantry.rig import GantryMeasurement
     from simrig.rigs.measurements.directions import DirectionsMeasurement
     from simrig.rigs.measurements.slices import Measurement
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Method(StrEnum):
-    """How a measurement becomes a reflectance; the library writes names with an underscore."""
+    """How a measurement becomes a BRDF; the library writes names with an underscore."""
 
     SLICES = "slices"
-    IMPROVED = "improved"
+    ALONG_HIGHLIGHTS = "along-highlights"
     BARYCENTRIC = "barycentric"
     RBF_GLOBAL = "rbf-global"
     RBF_LOCAL = "rbf-local"
@@ -37,7 +37,7 @@ class Method(StrEnum):
     GANTRY_BD = "gantry-bd"
 
 
-_ALONG_SLICES = (Method.SLICES, Method.IMPROVED)
+_ALONG_SLICES = (Method.SLICES, Method.ALONG_HIGHLIGHTS)
 _RBF = (Method.RBF_GLOBAL, Method.RBF_LOCAL, Method.RBF_GLOBAL_LOG, Method.RBF_LOCAL_LOG)
 _OF_A_GANTRY = (Method.GANTRY_A, Method.GANTRY_B, Method.GANTRY_BD)
 _RBF_STEP, _GANTRY_STEP = 5.0, 7.5  # degrees between the nodes of a table
@@ -48,13 +48,13 @@ class Reconstructed:
     """What a method made of a measurement file.
 
     Attributes:
-        reflectance: the result.
+        brdf: the result.
         method: its name in the library.
         interpolation: along slices; None where there are none.
         notes: what to say about it.
     """
 
-    reflectance: Reflectance
+    brdf: Brdf
     method: str
     interpolation: str | None = None
     notes: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ def load_measurement(path: Path) -> AnyMeasurement:
     return Measurement.load(path)
 
 
-def rebuilt(
+def reconstructed(
     measured: AnyMeasurement,
     method: Method | None = None,
     interpolation: str | None = None,
@@ -97,7 +97,7 @@ def rebuilt(
         SimrigError: a method that cannot use the measurement, an option that the method does not
             take, or a step that cannot be.
     """
-    from simrig.brdf.tables.rbf import RbfReflectance
+    from simrig.brdf.tables.rbf import RbfBrdf
     from simrig.reconstruction.scattered.by_name import reconstruct_by_name
     from simrig.rigs.gantry.rig import GantryMeasurement
     from simrig.rigs.measurements.slices import Measurement
@@ -120,10 +120,10 @@ def rebuilt(
     step_deg = _checked_step(_RBF_STEP if step_deg is None else step_deg)
     name = chosen.replace("-", "_")
     made = reconstruct_by_name(name, measured)
-    if isinstance(made.reflectance, RbfReflectance):
-        table = _tabulated(made.reflectance, step_deg)
+    if isinstance(made.brdf, RbfBrdf):
+        table = _tabulated(made.brdf, step_deg)
         return Reconstructed(table, name, None, (*made.notes, f"tabulated every {step_deg:g}°"))
-    return Reconstructed(made.reflectance, name, None, made.notes)
+    return Reconstructed(made.brdf, name, None, made.notes)
 
 
 def _along_slices(
@@ -138,8 +138,8 @@ def _along_slices(
             "the measurement has no slices, it lists directions: use --method barycentric, "
             "rbf-local or rbf-global"
         )
-    rebuild = reconstruct if method == Method.SLICES else reconstruct_along_highlights
-    return Reconstructed(rebuild(measured, interpolation), str(method), interpolation)
+    how = reconstruct if method == Method.SLICES else reconstruct_along_highlights
+    return Reconstructed(how(measured, interpolation), str(method), interpolation)
 
 
 def _of_a_gantry(
@@ -162,7 +162,7 @@ def _of_a_gantry(
         azimuths=round(360.0 / step_deg),
         interpolation=interpolation,
     )
-    return Reconstructed(made.reflectance, name, interpolation, made.notes)
+    return Reconstructed(made.brdf, name, interpolation, made.notes)
 
 
 def _checked_step(step_deg: float) -> float:
@@ -171,14 +171,14 @@ def _checked_step(step_deg: float) -> float:
     return step_deg
 
 
-def _tabulated(reflectance: RbfReflectance, step_deg: float) -> Reflectance:
+def _tabulated(brdf: RbfBrdf, step_deg: float) -> Brdf:
     from simrig.brdf.tables.resample import resample_dense
     from simrig.core import backend
 
     kind = backend.types("float32").Float
     with frame.progress("tabulating") as report:
         return resample_dense(
-            reflectance,
+            brdf,
             math.radians(step_deg),
             round(360.0 / step_deg),
             float_type=kind,

@@ -155,10 +155,10 @@ def _subject(scene: str, material: str | None, options: dict[str, Any]) -> tuple
     source = options.pop("environment", None)
     if source is not None or "lights" in options:
         options["lights"] = environment_lights(source or BUILTIN, options.get("lights", 256))
-    reflectance = load_material(material)
+    brdf = load_material(material)
 
     def build() -> dict[str, Any]:
-        return build_scene(scene, make_bsdf(reflectance, rotation), **options)
+        return build_scene(scene, make_bsdf(brdf, rotation), **options)
 
     return build, {"scene": scene, "material": material}
 

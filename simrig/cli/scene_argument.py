@@ -45,11 +45,11 @@ def named_scene(
         if material is not None or resolution is not None:
             raise SimrigError(f"'{name}' has its own materials and size: give neither for a file")
         return scene_file(name), {"scene": name}
-    reflectance = load_material(material or _MATERIAL)
+    brdf = load_material(material or _MATERIAL)
     width = resolution or _RESOLUTION
 
     def build() -> dict[str, Any]:
-        return build_scene(name, make_bsdf(reflectance), resolution=width)
+        return build_scene(name, make_bsdf(brdf), resolution=width)
 
     build()  # an unknown name is refused before any work
     about = {"scene": name, "material": material or _MATERIAL, "resolution": width}

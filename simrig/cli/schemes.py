@@ -11,7 +11,7 @@ from simrig.cli.measured import measurement_report
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.brdf import Reflectance
+    from simrig.brdf import Brdf
     from simrig.core.effects import Overrides, Plan, Tolerance
     from simrig.directions.schemes import HemisphereScheme
     from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -32,7 +32,7 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
 
     Raises:
         SimrigError: an unknown name, samples given with a scheme that has its own number, or
-            too few samples; a largest elevation for anything but ``regular``.
+            too few samples; a largest polar angle for anything but ``regular``.
     """
     from simrig.plans.uniform import largest_uniform_scheme, uniform_plan
 
@@ -40,7 +40,7 @@ def scheme_of(name: str, samples: int | None, theta_max_deg: float) -> Hemispher
         raise SimrigError(f"--theta-max must lie between 0 and 90 degrees, got {theta_max_deg:g}")
     if theta_max_deg != DEFAULT_THETA_MAX and name != "regular":
         raise SimrigError(
-            f"scheme '{name}' has its own elevations: leave out --theta-max, or ask for "
+            f"scheme '{name}' has its own polar angles: leave out --theta-max, or ask for "
             "--scheme regular"
         )
     if name == "uniform":
@@ -81,7 +81,7 @@ def named_scheme(
 
 
 def measure_scheme(
-    reflectance: Reflectance,
+    brdf: Brdf,
     rig: Gonioreflectometer,
     scheme: HemisphereScheme,
     output: Path,
@@ -91,7 +91,7 @@ def measure_scheme(
     """Measure a scheme into a file and report it.
 
     Args:
-        reflectance: the material.
+        brdf: the material.
         rig: without effects.
         scheme: the directions.
         output, checkpoint: where the result goes, and what was measured so far.
@@ -101,13 +101,11 @@ def measure_scheme(
 
     plan, tables = None, []
     if effects is not None:
-        plan = _planned(reflectance, rig, scheme, *effects)
+        plan = _planned(brdf, rig, scheme, *effects)
         tables = [effect_options.plan_table(plan, f"effects at {effects[0]}")]
         rig = with_plan(rig, plan)
-    with frame.progress(f"measuring {reflectance.name}") as report:
-        measurement = rig.measure_scheme(
-            reflectance, scheme, checkpoint=checkpoint, progress=report
-        )
+    with frame.progress(f"measuring {brdf.name}") as report:
+        measurement = rig.measure_scheme(brdf, scheme, checkpoint=checkpoint, progress=report)
     measurement.save(output)
     about = {
         "scheme": scheme.name,
@@ -119,7 +117,7 @@ def measure_scheme(
 
 
 def _planned(
-    reflectance: Reflectance,
+    brdf: Brdf,
     rig: Gonioreflectometer,
     scheme: HemisphereScheme,
     tolerance: Tolerance,
@@ -128,6 +126,6 @@ def _planned(
     """Bound the effects at the scheme's pairs, at every so many of them where there are many."""
     from simrig.rigs.direct.effects import plan_directions
 
-    angles = scheme.pair_angles(reflectance.reciprocal)
+    angles = scheme.pair_angles(brdf.reciprocal)
     probed = angles[:: -(-len(angles) // _MOST_PROBED)]
-    return plan_directions(reflectance, rig.instrument, tolerance, probed, overrides, len(angles))
+    return plan_directions(brdf, rig.instrument, tolerance, probed, overrides, len(angles))

@@ -34,7 +34,7 @@ def stability(
 ) -> frame.Report:
     """Compute everything on the hard cases, in single and double precision.
 
-    Every reflectance, parameterisation, plugin and method, beside references in extended
+    Every BRDF, parameterisation, plugin and method, beside references in extended
     precision. Exit code 2 when an error is larger than rounding and conditioning explain.
     """
     from simrig.evaluation.stability.rows import stability_data, stability_markdown

@@ -1,6 +1,6 @@
 """One set of array operations for NumPy arrays, Dr.Jit arrays and plain floats.
 
-Everything that looks reflectance up is written once over this module, so that the same lines run
+Everything that looks BRDF up is written once over this module, so that the same lines run
 on NumPy float64 arrays (host), on Dr.Jit float32 and float64 arrays (``llvm``, ``cuda``;
 differentiable with ``ad``) and on the plain floats of Mitsuba's scalar variants.
 

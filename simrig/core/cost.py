@@ -12,7 +12,7 @@ class Cost:
     """The price of a result; costs of successive steps add up.
 
     Attributes:
-        samples: reflectance samples taken (distinct physical direction pairs).
+        samples: BRDF samples taken (distinct physical direction pairs).
         hardware_seconds: simulated time of the measuring device, in seconds.
         compile_seconds: time spent compiling kernels (first call), in seconds.
         compute_seconds: time spent computing once compiled, in seconds.

@@ -66,7 +66,7 @@ def from_half_difference(
 
     The inverse of ``to_half_difference``; call it as ``from_half_difference(*angles)``. Some
     angles give directions below the horizon (large theta_h with large theta_d): they are valid
-    pairs of the sphere, and a reflectance is black there.
+    pairs of the sphere, and a BRDF is black there.
 
     Returns:
         Two NumPy arrays of shape (..., 3) or Dr.Jit 3-vectors.

@@ -1,23 +1,23 @@
-"""Schemes that cover the hemisphere with directions: rings of equal elevation.
+"""Schemes that cover the hemisphere with directions: rings of equal polar angle.
 
 Published, reproduced exactly:
 
-- ``hemisphere_81``: Sattler et al. 2003 (Bonn BTF, UTIA BRDF): elevations every 15°.
-- ``hemisphere_151``: Müller 2009 (Bonn, UBO2014): ten elevations, some rings turned by half a
+- ``hemisphere_81``: Sattler et al. 2003 (Bonn BTF, UTIA BRDF): polar angles every 15°.
+- ``hemisphere_151``: Müller 2009 (Bonn, UBO2014): ten polar angles, some rings turned by half a
   step.
 - ``uniform_1``, ``uniform_14``, ``uniform_19``, ``uniform_30``: thesis Table D.2.
 
 The thesis describes thirty uniform schemes, from 29 to 841 directions, and prints those four.
 The other twenty-six follow the pattern of the four, **inferred** here:
 
-- Everything lies on the 2° grid of the reference data. Elevations are multiples of the smallest
+- Everything lies on the 2° grid of the reference data. Polar angles are multiples of the smallest
   even step that reaches 80° in ``rings`` steps, the last one cut to 80°.
 - Azimuth steps come from one ladder, the even divisors of 180° from 60° to 6°: 60, 36, 30, 20,
   18, 12, 10, 6. Every ring outwards goes one rung further; after the last rung it stays at 6°.
   Moving the start of the ladder up by ``shift`` rungs gives a denser scheme with the same
-  elevations.
+  polar angles.
 - Sparse schemes stay on the ladder: 3 to 8 rings, every shift up to the number of rings with
-  rings + shift <= 8. There are nineteen. Dense schemes run off it: elevation steps of 10°, 8° and
+  rings + shift <= 8. There are nineteen. Dense schemes run off it: polar angle steps of 10°, 8° and
   6° with shifts 0, 1, 2 and 7 (all rings at 6°). There are eleven more.
 
 Sorted by their number of directions, which is different for all, the four printed schemes come
@@ -42,7 +42,7 @@ _THETA_MAX_DEG = 80
 
 @dataclass(frozen=True)
 class Ring:
-    """Directions of one elevation: ``count`` of them, the first at ``offset_deg``."""
+    """Directions of one polar angle: ``count`` of them, the first at ``offset_deg``."""
 
     theta_deg: float
     count: int
@@ -55,7 +55,7 @@ class HemisphereScheme:
 
     Attributes:
         name: what reports call it.
-        theta: elevations from the normal, shape (n,), radians in [0, π/2]. Read-only.
+        theta: polar angles from the normal, shape (n,), radians in [0, π/2]. Read-only.
         phi: azimuths, shape (n,), radians in [0, 2π]. Read-only.
 
     Raises:
@@ -167,7 +167,7 @@ def _uniform_schemes() -> tuple[tuple[Ring, ...], ...]:
     """Return the rings of the thirty uniform schemes, sparsest first."""
     rungs = len(_LADDER_DEG)
     sparse = [(n, shift) for n in range(3, rungs + 1) for shift in range(min(n, rungs - n) + 1)]
-    # 8, 10 and 14 rings are elevation steps of 10, 8 and 6 degrees; (8, 0) is on the ladder
+    # 8, 10 and 14 rings are polar angle steps of 10, 8 and 6 degrees; (8, 0) is on the ladder
     dense = [(n, shift) for n in (8, 10, 14) for shift in (0, 1, 2, rungs - 1)][1:]
     schemes = [_uniform_rings(*choice) for choice in sparse + dense]
     return tuple(sorted(schemes, key=lambda rings: sum(ring.count for ring in rings)))

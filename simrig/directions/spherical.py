@@ -18,13 +18,13 @@ _POLE = 1e-37
 
 
 def to_vector(theta: Array, phi: Array) -> Array:
-    """Return unit vectors for elevations ``theta`` and azimuths ``phi`` (radians).
+    """Return unit vectors for polar angles ``theta`` and azimuths ``phi`` (radians).
 
     Any angles are accepted: theta beyond π/2 points below the horizon, a negative theta to the
     other side of the pole, and phi is periodic. theta = 0 gives exactly (0, 0, 1) whatever phi.
 
     Args:
-        theta: elevation from the normal, any shape (NumPy) or width (Dr.Jit).
+        theta: polar angle from the normal, any shape (NumPy) or width (Dr.Jit).
         phi: azimuth, broadcastable to ``theta``.
 
     Returns:
@@ -42,7 +42,7 @@ def to_vector(theta: Array, phi: Array) -> Array:
 def to_angles(v: Array) -> tuple[Array, Array]:
     """Return (theta, phi) of vectors; theta in [0, π], phi in [0, 2π), phi = 0 at the poles.
 
-    The elevation comes from ``atan2`` of the horizontal length, which keeps full relative
+    The polar angle comes from ``atan2`` of the horizontal length, which keeps full relative
     precision at the pole where ``acos(z)`` loses half of the digits. Vectors need not be
     normalised.
 
@@ -91,7 +91,7 @@ def wrap_difference(phi: Array, period: float = TWO_PI) -> Array:
 def canonical(theta: Array, phi: Array) -> tuple[Array, Array]:
     """Return the angles of the same direction with theta in [0, π] and phi in [0, 2π).
 
-    An elevation beyond the pole (negative, or above π) comes back on the other side, half a
+    A polar angle beyond the pole (negative, or above π) comes back on the other side, half a
     turn further in azimuth; at the poles phi becomes 0. In-range angles are returned unchanged.
     """
     xp = namespace(theta)

@@ -2,7 +2,7 @@
 
 The nodes are joined by the convex hull of their unit vectors. Every outermost node has a twin on
 the horizon at its azimuth, so the triangles cover the hemisphere without a gap: beyond the
-largest elevation a value is held, it changes only with the azimuth, and no seam appears where
+largest polar angle a value is held, it changes only with the azimuth, and no seam appears where
 the nearest edge changes. A direction takes the barycentric coordinates of the point where its
 ray meets its triangle: >= 0 with sum 1, exact at nodes, continuous everywhere.
 """
@@ -38,7 +38,7 @@ _SAME = 1e-9  # squared distance of directions that are one
 
 
 @dataclass(frozen=True)
-class Place:
+class BarycentricLocation:
     """Where directions lie.
 
     Attributes:
@@ -92,7 +92,9 @@ class HemisphereTriangulation:
             cache[kind] = {name: _table(value, kind) for name, value in self._tables.items()}
         return cache[kind]
 
-    def locate(self, direction: Array, tables: Mapping[str, Array] | None = None) -> Place:
+    def locate(
+        self, direction: Array, tables: Mapping[str, Array] | None = None
+    ) -> BarycentricLocation:
         """Return the triangle's nodes and the barycentric coordinates of directions.
 
         Args:
@@ -110,7 +112,9 @@ class HemisphereTriangulation:
         total = weights[0] + weights[1] + weights[2]
         share = 1.0 / xp.select(total > 0.0, total, 1.0)
         a, b, c = (to_index(node) for node in found.nodes)
-        return Place((a, b, c), (weights[0] * share, weights[1] * share, weights[2] * share))
+        return BarycentricLocation(
+            (a, b, c), (weights[0] * share, weights[1] * share, weights[2] * share)
+        )
 
     def _walk(self, direction: Array, tables: Mapping[str, Array]) -> _Found:
         """Return the triangle of directions: from a guess across the edges that they are beyond."""

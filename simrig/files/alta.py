@@ -1,4 +1,4 @@
-"""ALTA text files: reflectance samples with a header that names their parameterisation.
+"""ALTA text files: BRDF samples with a header that names their parameterisation.
 
 Header lines start with ``#``: ``#DIM inputs outputs``, ``#PARAM_IN name``, ``#VS`` (how the
 samples' confidence is stored; only 0, none, is read). Then one row per sample: the inputs and

@@ -1,4 +1,4 @@
-"""Spectral reflectance measured at Cornell (Program of Computer Graphics), as text.
+"""Spectral BRDF measured at Cornell (Program of Computer Graphics), as text.
 
 After comment lines (``#``): the number of wavelengths, the wavelengths in nm (over one or more
 lines), then one row per sample: theta_i, phi_i, theta_s, phi_s in radians and one value of f_r

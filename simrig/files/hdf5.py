@@ -1,7 +1,7 @@
 """simrig's own HDF5 files: self-describing, versioned, checked before anything is read.
 
 Every file carries as attributes ``format`` ("simrig"), ``format_version``, ``content`` (what it
-holds), ``simrig_version``, ``conventions`` and ``provenance`` (JSON). A reflectance is one group
+holds), ``simrig_version``, ``conventions`` and ``provenance`` (JSON). A BRDF is one group
 ``structure`` (plain values as attributes) and one group ``data`` (arrays with ``units``).
 """
 
@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 import simrig
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.atomic import atomic_write, existing_file
 
@@ -33,18 +33,28 @@ LARGEST_ARRAY = 1 << 32  # bytes; a file that claims more is refused before it i
 _DEFLATE_LIMIT = 1100  # deflate cannot shrink anything by more than 1032
 _HEADROOM = 1 << 16
 
-# Where the class of each kind of reflectance lives; imported when a file needs it
+# What files of version 0.1 call things: (now, then)
+_NAMES_OF_0_1 = {
+    "anisotropy": "probes",
+    "brdf": "reflectance",
+    "minnaert": "lafortune",
+    "theta_step": "elevation_step",
+    "thetas": "elevations",
+}
+_NAMES_NOW = {then: now for now, then in _NAMES_OF_0_1.items()}
+
+# Where the class of each kind of BRDF lives; imported when a file needs it
 KINDS: dict[str, tuple[str, str]] = {
-    "barycentric": ("simrig.brdf.tables.barycentric", "BarycentricReflectance"),
+    "barycentric": ("simrig.brdf.tables.barycentric", "BarycentricBrdf"),
     "btf_factored": ("simrig.btf.factored", "FactoredBtf"),
     "dense": ("simrig.brdf.tables.dense", "DenseTable"),
     "highlight_slices": ("simrig.brdf.slices.highlight_slices", "HighlightSlices"),
     "isotropic": ("simrig.brdf.tables.isotropic", "IsotropicTable"),
     "kurt": ("simrig.brdf.analytic", "Kurt"),
-    "lafortune": ("simrig.brdf.minnaert", "Lafortune"),
+    "minnaert": ("simrig.brdf.minnaert", "Minnaert"),
     "lambert": ("simrig.brdf.analytic", "Lambert"),
-    "rgl": ("simrig.brdf.tables.rgl", "RglReflectance"),
-    "slices": ("simrig.brdf.slices.slices", "SliceReflectance"),
+    "rgl": ("simrig.brdf.tables.rgl", "RglBrdf"),
+    "slices": ("simrig.brdf.slices.slices", "SliceBrdf"),
     "ward": ("simrig.brdf.analytic", "Ward"),
 }
 
@@ -57,7 +67,7 @@ def create(
 
     Args:
         path: the file.
-        content: what it holds, for example ``"reflectance"``.
+        content: what it holds, for example ``"brdf"``.
         provenance: how it came about, anything JSON can hold.
     """
     with atomic_write(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
@@ -100,9 +110,19 @@ def content_of(path: str | Path) -> str:
     try:
         with h5py.File(existing_file(path), "r") as file:
             ours = _text(file.attrs.get("format")) == "simrig"
-            return _text(file.attrs.get("content")) if ours else ""
+            return name_now(_text(file.attrs.get("content"))) if ours else ""
     except OSError:
         return ""
+
+
+def name_now(name: str) -> str:
+    """Return today's name of what a file of version 0.1 may call otherwise."""
+    return _NAMES_NOW.get(name, name)
+
+
+def names_now(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes or settings of a file by today's names (see ``name_now``)."""
+    return {name_now(name): value for name, value in values.items()}
 
 
 def provenance_of(file: h5py.File) -> dict[str, Any]:
@@ -150,45 +170,44 @@ def read_array(group: h5py.Group, name: str, shape: tuple[int | None, ...] | Non
     return dataset[()]
 
 
-def write_reflectance(
-    path: str | Path, reflectance: Reflectance, provenance: Mapping[str, Any] | None = None
-) -> None:
-    """Write a reflectance of a storable kind (see ``KINDS``).
+def write_brdf(path: str | Path, brdf: Brdf, provenance: Mapping[str, Any] | None = None) -> None:
+    """Write a BRDF of a storable kind (see ``KINDS``).
 
     Raises:
         SimrigError: for a kind that has no stored form.
     """
-    kind = getattr(reflectance, "kind", None)
+    kind = getattr(brdf, "kind", None)
     if kind not in KINDS:
         raise SimrigError(
-            f"a reflectance of type {type(reflectance).__name__} has no stored form: resample it "
+            f"a BRDF of type {type(brdf).__name__} has no stored form: resample it "
             f"first (storable: {', '.join(sorted(KINDS))})"
         )
-    with create(path, "reflectance", provenance) as file:
+    with create(path, "brdf", provenance) as file:
         file.attrs["kind"] = kind
-        file.attrs["name"] = reflectance.name
-        file.attrs["theta_max_deg"] = float(np.degrees(reflectance.theta_max))
+        file.attrs["name"] = brdf.name
+        file.attrs["theta_max_deg"] = float(np.degrees(brdf.theta_max))
         structure = file.create_group("structure")
-        for key, value in reflectance.structure().items():  # type: ignore[attr-defined]
+        for key, value in brdf.structure().items():  # type: ignore[attr-defined]
             structure.attrs[key] = value
         data = file.create_group("data")
-        for key, array in reflectance.data().items():
+        for key, array in brdf.data().items():
             write_array(data, key, array, "1/sr" if np.ndim(array) > 1 else "")
 
 
-def read_reflectance(path: str | Path) -> Reflectance:
-    """Read a reflectance that ``write_reflectance`` wrote.
+def read_brdf(path: str | Path) -> Brdf:
+    """Read a BRDF that ``write_brdf`` wrote.
 
     Raises:
         SimrigError: as ``open_checked`` and ``read_array``; an unknown kind; parts that do not
             fit together.
     """
-    with open_checked(path, "reflectance") as file:
-        kind = _text(file.attrs.get("kind"))
+    with open_checked(path, "brdf") as file:
+        kind = name_now(_text(file.attrs.get("kind")))
         if kind not in KINDS:
             raise unknown_name("kind of stored reflectance", kind, KINDS)
         module, name = KINDS[kind]
-        structure = {key: _plain(value) for key, value in file["structure"].attrs.items()}
+        attributes = file["structure"].attrs.items()
+        structure = names_now({key: _plain(value) for key, value in attributes})
         data = {key: read_array(file["data"], key) for key in file["data"]}
         build = getattr(import_module(module), name).from_parts
         try:
@@ -197,7 +216,7 @@ def read_reflectance(path: str | Path) -> Reflectance:
             raise SimrigError(f"'{path}': {error}") from error
         except (KeyError, ValueError, TypeError, IndexError) as error:
             raise SimrigError(
-                f"the parts of '{path}' do not make a '{kind}' reflectance: {_one_line(error)}"
+                f"the parts of '{path}' do not make a '{kind}' BRDF: {_one_line(error)}"
             ) from error
 
 
@@ -212,7 +231,7 @@ def _check_attributes(path: Path, file: h5py.File, content: str) -> None:
             f"'{path}' has format version {version}, this simrig reads up to {FORMAT_VERSION}: "
             "install a later simrig"
         )
-    found = _text(file.attrs.get("content"))
+    found = name_now(_text(file.attrs.get("content")))
     if found != content:
         raise SimrigError(f"'{path}' holds a {found or 'nothing known'}, expected a {content}")
 

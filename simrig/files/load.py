@@ -12,8 +12,8 @@ import numpy as np
 from simrig.brdf import (
     KURT_MATERIALS,
     RESCALED_MATERIALS,
+    Brdf,
     Lambert,
-    Reflectance,
     Ward,
     kurt_material,
 )
@@ -64,14 +64,14 @@ FORMATS: dict[str, Format] = {
         Format("utia-exr", (".exr",), "UTIA database, 4-D table as a picture", writes=True),
         Format("rgl", (".bsdf",), "RGL tensor file, as Mitsuba's 'measured' reads", writes=True),
         Format("cornell", (".brdf",), "Cornell spectral samples, isotropic, interpolated"),
-        Format("ubo", (".npz",), "UBO2014 mean reflectance on 151 × 151 directions"),
+        Format("ubo", (".npz",), "UBO2014 mean BRDF on 151 × 151 directions"),
         Format(
             "alta", (".dat", ".alta"), "ALTA samples: read as samples, too sparse to render", False
         ),
     )
 }
 
-_BUILT_IN: dict[str, Callable[[], Reflectance]] = {"lambert": Lambert, "ward": Ward}
+_BUILT_IN: dict[str, Callable[[], Brdf]] = {"lambert": Lambert, "ward": Ward}
 MATERIALS: tuple[str, ...] = (*_BUILT_IN, *KURT_MATERIALS, *RESCALED_MATERIALS)
 
 
@@ -83,7 +83,7 @@ class Saved:
         path: the file.
         format: its name in ``FORMATS``.
         bytes: its size.
-        error: how far the file, read again, is from the reflectance.
+        error: how far the file, read again, is from the BRDF.
     """
 
     path: Path
@@ -92,7 +92,7 @@ class Saved:
     error: ResamplingError
 
 
-def load_material(spec: str | Path, clamp_negative: bool = False) -> Reflectance:
+def load_material(spec: str | Path, clamp_negative: bool = False) -> Brdf:
     """Return a material by built-in name or from a file of any format that is read.
 
     Args:
@@ -145,14 +145,12 @@ def file_format(path: str | Path) -> str:
     )
 
 
-def save_material(
-    path: str | Path, reflectance: Reflectance, format: str | None = None, **options: Any
-) -> Saved:
-    """Write a reflectance, resampled to what the format holds, and say how well it survived.
+def save_material(path: str | Path, brdf: Brdf, format: str | None = None, **options: Any) -> Saved:
+    """Write a BRDF, resampled to what the format holds, and say how well it survived.
 
     Args:
         path: the file.
-        reflectance: any reflectance.
+        brdf: any BRDF.
         format: a name of ``FORMATS`` that can be written; by default from the path's ending.
         options: ``layout`` (a ``UtiaLayout``) for utia and utia-exr, ``resolution`` (an
             ``RglResolution``) for rgl, ``provenance`` for hdf5.
@@ -168,43 +166,43 @@ def save_material(
     unknown = sorted(set(options) - set(known))
     if unknown:
         raise unknown_name(f"option of the format '{name}'", unknown[0], known or ("none",))
-    writer(path, reflectance, **options)
+    writer(path, brdf, **options)
     again = _read_again(path, name, options)
-    return Saved(path, name, path.stat().st_size, resampling_error(reflectance, again))
+    return Saved(path, name, path.stat().st_size, resampling_error(brdf, again))
 
 
-def _read_again(path: Path, name: str, options: dict[str, Any]) -> Reflectance:
+def _read_again(path: Path, name: str, options: dict[str, Any]) -> Brdf:
     if name in ("utia", "utia-exr") and "layout" in options:
         reader = utia.read_utia if name == "utia" else utia.read_utia_exr
         return reader(path, options["layout"])
     return _READERS[name](path, False)
 
 
-def _write_merl(path: Path, reflectance: Reflectance) -> None:
-    table = reflectance if isinstance(reflectance, IsotropicTable) else None
+def _write_merl(path: Path, brdf: Brdf) -> None:
+    table = brdf if isinstance(brdf, IsotropicTable) else None
     if table is None or table.values.shape[:3] != MERL_SHAPE or not table.reciprocal:
-        table = resample_isotropic(reflectance)
+        table = resample_isotropic(brdf)
     merl.write_merl(path, table)
 
 
 def _write_utia(
     write: Callable[[Path, DenseTable], utia.UtiaLayout],
 ) -> Callable[..., None]:
-    def run(path: Path, reflectance: Reflectance, layout: utia.UtiaLayout = utia.DATABASE) -> None:
-        write(path, _on_layout(reflectance, layout))
+    def run(path: Path, brdf: Brdf, layout: utia.UtiaLayout = utia.DATABASE) -> None:
+        write(path, _on_layout(brdf, layout))
 
     return run
 
 
-def _on_layout(reflectance: Reflectance, layout: utia.UtiaLayout) -> DenseTable:
+def _on_layout(brdf: Brdf, layout: utia.UtiaLayout) -> DenseTable:
     step = float(np.radians(layout.theta_step_deg))
     theta_max = step * (layout.n_theta - 1)
-    if isinstance(reflectance, DenseTable):
+    if isinstance(brdf, DenseTable):
         shape = (layout.n_theta, layout.n_theta, layout.n_phi, layout.n_phi, 3)
-        same = reflectance.values.shape == shape and abs(reflectance.theta_step - step) < 1e-9
-        if same and abs(reflectance.theta_max - theta_max) < 1e-9:
-            return reflectance
-    return resample_dense(reflectance, step, layout.n_phi, theta_max, np.float64)
+        same = brdf.values.shape == shape and abs(brdf.theta_step - step) < 1e-9
+        if same and abs(brdf.theta_max - theta_max) < 1e-9:
+            return brdf
+    return resample_dense(brdf, step, layout.n_phi, theta_max, np.float64)
 
 
 def _text_format(path: Path, text: str) -> str:
@@ -249,7 +247,7 @@ def _format_of_suffix(path: Path) -> str:
     raise SimrigError(f"the ending of '{path}' names no format: use one of {endings}, or a format")
 
 
-def _read_hdf5(path: Path, _: bool) -> Reflectance:
+def _read_hdf5(path: Path, _: bool) -> Brdf:
     content = hdf5.content_of(path)
     if "measurement" in content:
         raise SimrigError(
@@ -260,10 +258,10 @@ def _read_hdf5(path: Path, _: bool) -> Reflectance:
             f"'{path}' is a BTF, not a BRDF: average it first (simrig btf average), or render "
             "it in a scene with simrig_btf"
         )
-    return hdf5.read_reflectance(path)
+    return hdf5.read_brdf(path)
 
 
-def _read_alta(path: Path, clamp_negative: bool) -> Reflectance:
+def _read_alta(path: Path, clamp_negative: bool) -> Brdf:
     samples = alta.read_alta(path, clamp_negative)
     incidences = len(np.unique(np.round(samples.theta_i, 6)))
     raise SimrigError(
@@ -272,7 +270,7 @@ def _read_alta(path: Path, clamp_negative: bool) -> Reflectance:
     )
 
 
-_READERS: dict[str, Callable[[Path, bool], Reflectance]] = {
+_READERS: dict[str, Callable[[Path, bool], Brdf]] = {
     "hdf5": _read_hdf5,
     "merl": lambda path, _: merl.read_merl(path),
     "utia": lambda path, clamp: utia.read_utia(path, clamp_negative=clamp),
@@ -285,7 +283,7 @@ _READERS: dict[str, Callable[[Path, bool], Reflectance]] = {
 
 # Writers, and the options that they take
 _WRITERS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
-    "hdf5": (hdf5.write_reflectance, ("provenance",)),
+    "hdf5": (hdf5.write_brdf, ("provenance",)),
     "merl": (_write_merl, ()),
     "utia": (_write_utia(utia.write_utia), ("layout",)),
     "utia-exr": (_write_utia(utia.write_utia_exr), ("layout",)),

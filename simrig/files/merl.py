@@ -1,4 +1,4 @@
-"""MERL ``.binary`` files: isotropic reflectance in the half-difference parameterisation.
+"""MERL ``.binary`` files: isotropic BRDF in the half-difference parameterisation.
 
 Layout (Matusik et al. 2003): three little-endian int32 (90, 90, 180), then float64 in planes of
 red, green, blue, each over theta_h, theta_d, phi_d with phi_d running fastest. Stored values are

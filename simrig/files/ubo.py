@@ -1,4 +1,4 @@
-"""Mean reflectance of a UBO2014 material as ``.npz``: all pairs of 151 directions.
+"""Mean BRDF of a UBO2014 material as ``.npz``: all pairs of 151 directions.
 
 Arrays ``theta`` and ``phi`` (n, radians) and ``f_view_light_rgb`` (n, n, 3): linear RGB, view
 first, illumination second. The values are f_r up to one common scale per material, which the
@@ -47,7 +47,7 @@ def read_ubo(path: str | Path, clamp_negative: bool = False) -> tuple[np.ndarray
     if not np.all(np.isfinite(theta)) or not np.all(np.isfinite(phi)):
         raise SimrigError(f"'{path}' has NaN or infinite directions")
     if theta.min() < 0.0 or theta.max() >= np.pi / 2:
-        raise SimrigError(f"'{path}' has elevations outside 0° to 90° (radians are expected)")
+        raise SimrigError(f"'{path}' has polar angles outside 0° to 90° (radians are expected)")
     values = without_negative(values, clamp_negative)
     check_values(values, f"'{path}'", CLAMP)
     return to_vector(theta, phi), values.transpose(1, 0, 2)
@@ -58,7 +58,7 @@ def load_ubo(path: str | Path, clamp_negative: bool = False) -> DenseTable:
 
     Both directions are interpolated by barycentric coordinates on the triangulated hemisphere,
     so the table is exact wherever a node is a measured direction. It is not made reciprocal.
-    theta_max is the largest elevation measured.
+    theta_max is the largest polar angle measured.
     """
     directions, values = read_ubo(path, clamp_negative)
     theta_max = float(np.arccos(directions[:, 2].min()))

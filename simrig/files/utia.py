@@ -1,8 +1,8 @@
 """The UTIA BRDF database: four-dimensional tables as raw ``.bin`` and as ``.exr`` pictures.
 
 Both layouts hold, per colour channel, a matrix with one row per illumination direction and one
-column per view direction; within either, the elevation runs slowest: row = n_phi · index of
-theta_i + index of phi_i. Elevations are multiples of 15° (0 to 75°), azimuths of 7.5° (48), as in
+column per view direction; within either, the polar angle runs slowest: row = n_phi · index of
+theta_i + index of phi_i. Polar angles are multiples of 15° (0 to 75°), azimuths of 7.5° (48), as in
 thesis section A.4; the denser data sets of the database have other counts and steps. ``.bin`` is
 little-endian float64 in planes of red, green, blue; ``.exr`` a float picture with channels
 R, G, B, height n_theta · n_phi (illumination) and width n_theta · n_phi (view).
@@ -32,9 +32,9 @@ class UtiaLayout:
     """Counts and steps of one of the database's grids.
 
     Attributes:
-        n_theta: elevations, from 0.
+        n_theta: polar angles, from 0.
         n_phi: azimuths over the full circle.
-        theta_step_deg: step of the elevations, in degrees.
+        theta_step_deg: step of the polar angles, in degrees.
     """
 
     n_theta: int = 6
@@ -81,7 +81,7 @@ def read_utia(
         what = "is truncated" if size < layout.bytes else "is too long"
         raise SimrigError(
             f"UTIA file '{path}' {what}: {size} bytes instead of {layout.bytes} "
-            f"({layout.n_theta} elevations, {layout.n_phi} azimuths)"
+            f"({layout.n_theta} polar angles, {layout.n_phi} azimuths)"
         )
     count = layout.directions
     planes = np.fromfile(path, dtype="<f8").reshape(3, count, count)
@@ -169,7 +169,7 @@ def _layout_of(table: DenseTable) -> UtiaLayout:
     regular = abs(table.theta_max - (n_theta - 1) * table.theta_step) < 1e-9
     if n_phi_i != n_phi_v or not regular:
         raise SimrigError(
-            "a UTIA file needs as many azimuths of view as of illumination and regular elevations, "
+            "a UTIA file needs as many azimuths of view as of light and regular polar angles, "
             f"the table has {n_phi_i} and {n_phi_v} azimuths up to "
             f"{np.degrees(table.theta_max):g}°: resample it with resample_dense"
         )

@@ -3,7 +3,6 @@
 See ``docs/effects.md``.
 """
 
-from simrig.evaluation.experiment.plans import plan_experiment
 from simrig.planning.effects import EFFECT_NAMES
 from simrig.planning.planned import as_planned, planned_integrator, planned_render
 from simrig.planning.planner import plan_scene
@@ -12,7 +11,6 @@ from simrig.planning.source import scene_source
 __all__ = [
     "EFFECT_NAMES",
     "as_planned",
-    "plan_experiment",
     "plan_scene",
     "planned_integrator",
     "planned_render",

@@ -23,28 +23,28 @@ def shadow_seconds(subject: SceneSubject) -> float:
     """Return the seconds per sample of testing whether lights are hidden: a ray to each."""
     lights = len(subject.survey.delta_lights) if subject.survey.only_delta_lights else 1
     # the look has done it beside everything else: times of small kernels are noisy
-    return min(subject.look.seconds_per_ray * lights, 0.5 * subject.look.seconds_per_sample)
+    return min(subject.probe.seconds_per_ray * lights, 0.5 * subject.probe.seconds_per_sample)
 
 
 def bsdf_seconds(subject: SceneSubject) -> float:
     """Return the seconds per sample of one direction drawn from the BSDF, and its ray."""
-    look = subject.look
+    probe = subject.probe
     lights = len(subject.survey.delta_lights) if subject.survey.only_delta_lights else 2
     # besides the camera's ray a look at other lights draws from them and from the BSDF
-    one = max(look.seconds_per_sample - look.seconds_per_ray, 0.0) / max(lights, 1)
-    return one + look.seconds_per_ray
+    one = max(probe.seconds_per_sample - probe.seconds_per_ray, 0.0) / max(lights, 1)
+    return one + probe.seconds_per_ray
 
 
 def indirect_seconds(subject: SceneSubject) -> float:
     """Return the seconds per sample of following paths further than direct light."""
-    if not subject.looked_at_paths:
+    if not subject.probed_paths:
         return bsdf_seconds(subject)  # what leaves a convex body meets nothing
-    return max(subject.paths.seconds_per_sample - subject.look.seconds_per_sample, 0.0)
+    return max(subject.paths.seconds_per_sample - subject.probe.seconds_per_sample, 0.0)
 
 
 def spectral_seconds(subject: SceneSubject) -> float:
     """Return the seconds per sample that wavelengths add to red, green and blue."""
-    return (_WAVELENGTHS - 1.0) * subject.look.seconds_per_sample
+    return (_WAVELENGTHS - 1.0) * subject.probe.seconds_per_sample
 
 
 def render_seconds(subject: SceneSubject, per_sample: float, spp: int) -> float:
@@ -56,7 +56,7 @@ def render_seconds(subject: SceneSubject, per_sample: float, spp: int) -> float:
         spp: samples per pixel.
     """
     samples = spp * subject.pixels
-    return subject.look.overhead_s + samples * (per_sample + _film_seconds(str(mi.variant())))
+    return subject.probe.overhead_s + samples * (per_sample + _film_seconds(str(mi.variant())))
 
 
 @cache

@@ -125,7 +125,7 @@ def spectral_bound(source: SceneSource, unit: str) -> Bound | None:
     """Return 0 where there is nothing that RGB could not say, None where that is not known."""
     if source.spectral == ():
         return Bound(0.0, unit, "all data are RGB: there is no spectrum to transport", absent=True)
-    if not source.rebuilds:
+    if not source.reconstructs:
         return Bound(0.0, unit, "a loaded scene stays in its variant", absent=True)
     return None
 

@@ -45,24 +45,24 @@ class MapAndLights:
         self.subject = subject
         self.shadows = shadows
         self.map, self.seconds_per_sample = subject.direct_at_places(shadows)
-        self._looks: dict[int, tuple[np.ndarray, float]] = {}
+        self._probes: dict[int, tuple[np.ndarray, float]] = {}
 
     def lights(self, count: int) -> np.ndarray:
         """Return (n, places, 3) radiance under ``count`` lights."""
-        return self._look(count)[0]
+        return self._probe(count)[0]
 
     @property
     def seconds_per_light(self) -> float:
         """Of a sample under ``_TIMED`` lights, kernels only."""
-        return self._look(_TIMED)[1] / _TIMED
+        return self._probe(_TIMED)[1] / _TIMED
 
-    def _look(self, count: int) -> tuple[np.ndarray, float]:
-        if count not in self._looks:
+    def _probe(self, count: int) -> tuple[np.ndarray, float]:
+        if count not in self._probes:
             lights = self.subject.environment.lights(count)
             integrator = direct_integrator(self.subject.scene, self.shadows, lights=lights)
             drawn = _TIMED_SAMPLES if count == _TIMED else 1
-            self._looks[count] = self.subject.places.look(integrator, drawn)
-        return self._looks[count]
+            self._probes[count] = self.subject.places.probe(integrator, drawn)
+        return self._probes[count]
 
     def change(self, display: Display, count: int) -> float:
         """Return the most that ``count`` lights change, in the unit of the display's tolerance."""
@@ -104,19 +104,19 @@ def choose_lights(
         shadows: whether lights are tested for being hidden.
         at_any_cost: look at lights as well that take more than their part of the map's time.
     """
-    looked = MapAndLights(subject, shadows)
+    probed = MapAndLights(subject, shadows)
     display = subject.display(allowed)
 
     def samples(seen: np.ndarray) -> int:
         return SamplingNoise(seen, display).samples_needed(noise.amount)[0] * subject.pixels
 
-    map_seconds = looked.seconds_per_sample * samples(subject.look.radiance)
-    per_light = looked.seconds_per_light * samples(looked.lights(_TIMED))
+    map_seconds = probed.seconds_per_sample * samples(subject.probe.radiance)
+    per_light = probed.seconds_per_light * samples(probed.lights(_TIMED))
     most = math.inf if at_any_cost else _WORTH * map_seconds / per_light
     counts = [count for count in COUNTS if count <= most] or [COUNTS[0]]
-    place = bisect_left(counts[:-1], True, key=lambda n: looked.change(display, n) <= room)
+    place = bisect_left(counts[:-1], True, key=lambda n: probed.change(display, n) <= room)
     count = counts[place]
-    return Choice(count, looked.change(display, count), per_light * count, map_seconds)
+    return Choice(count, probed.change(display, count), per_light * count, map_seconds)
 
 
 def decide_environment(

@@ -26,12 +26,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from simrig.planning.bounces import radiance_by_bounce
 from simrig.planning.change import Display
-from simrig.planning.orders import radiance_by_order
 from simrig.planning.probe import SEED, chosen_pixels, on_device, rows, to_rgb
 from simrig.rendering.render import timed
 
-ORDERS = 8  # of indirect light that are told apart; the last holds all beyond
+BOUNCES = 8  # of indirect light that are told apart; the last holds all beyond
 PATHS = 1 << 18
 MORE_PATHS = (1 << 19, 1 << 20)  # where the bound is what keeps an effect on
 _NOISE_SAMPLES = 64  # of each pixel, for the choice of samples per pixel
@@ -42,7 +42,7 @@ _LEVELS = (1e-4, 1e-2, 0.1)  # of displayed values, where the steepest change is
 
 
 @dataclass(frozen=True, eq=False)
-class PathLook:
+class PathProbe:
     """Radiance of N pixels by order, from paths.
 
     Attributes:
@@ -57,31 +57,31 @@ class PathLook:
     largest: np.ndarray
     paths: int
     seconds_per_sample: float
-    _orders: Sequence[Any]
+    _bounces: Sequence[Any]
 
     def radiance(self, depth: int) -> np.ndarray:
         """Return some samples of each pixel as ``path`` of a depth finds them, (N, k, 3).
 
         Args:
-            depth: Mitsuba's ``max_depth``, at most ``ORDERS + 1``, or -1 for all orders.
+            depth: Mitsuba's ``max_depth``, at most ``BOUNCES + 1``, or -1 for all orders.
         """
         count = self.halves.shape[1]
         each = self.paths // count
         kept = min(_NOISE_SAMPLES, each)
         index = dr.arange(mi.UInt32, count * kept)
         index = index // kept * each + index % kept
-        reflections = len(self._orders) if depth < 0 else depth - 1
+        reflections = len(self._bounces) if depth < 0 else depth - 1
         total = sum(
-            (dr.gather(mi.Color3f, order, index) for order in self._orders[:reflections]),
+            (dr.gather(mi.Color3f, order, index) for order in self._bounces[:reflections]),
             mi.Color3f(0.0),
         )
         return rows(total).reshape(count, kept, 3)
 
 
-def look_at_paths(
+def probe_paths(
     scene: Any, delta_lights: bool, hide_emitters: bool, paths: int = PATHS
-) -> PathLook:
-    """Trace paths of all orders through the pixels that ``probe.look`` looks at.
+) -> PathProbe:
+    """Trace paths of all orders through the pixels that ``probe.probe`` looks at.
 
     Args:
         scene: a loaded scene without participating media.
@@ -101,32 +101,32 @@ def look_at_paths(
         ray, weight = scene.sensors()[0].sample_ray(
             0.0, sampler.next_1d(), place, sampler.next_2d()
         )
-        spectra = radiance_by_order(scene, sampler, ray, ORDERS + 1, delta_lights, hide_emitters)
-        orders = [to_rgb(spectrum * weight, ray) for spectrum in spectra]
-        dr.eval(orders)
+        spectra = radiance_by_bounce(scene, sampler, ray, BOUNCES + 1, delta_lights, hide_emitters)
+        bounces = [to_rgb(spectrum * weight, ray) for spectrum in spectra]
+        dr.eval(bounces)
         dr.sync_thread()
-    halves = _block_means(orders, each // 2).reshape(len(orders), 3, count, 2)
-    return PathLook(
+    halves = _block_means(bounces, each // 2).reshape(len(bounces), 3, count, 2)
+    return PathProbe(
         halves.transpose(0, 2, 3, 1),
-        _largest(orders[1:]),
+        _largest(bounces[1:]),
         count * each,
         clock.kernel_seconds / (count * each),
-        orders,
+        bounces,
     )
 
 
-def _largest(orders: Sequence[Any]) -> np.ndarray:
+def _largest(bounces: Sequence[Any]) -> np.ndarray:
     """Return the largest sum of the orders from each on, in any channel."""
     tails, tail = [], mi.Color3f(0.0)
-    for order in reversed(orders):
+    for order in reversed(bounces):
         tail = tail + order
         tails.append(dr.max(dr.max(tail)))
     dr.eval(tails)
     return np.array([float(tail[0]) for tail in reversed(tails)])
 
 
-def _block_means(orders: Sequence[Any], block: int) -> np.ndarray:
-    sums = [dr.block_sum(channel, block) for order in orders for channel in order]
+def _block_means(bounces: Sequence[Any], block: int) -> np.ndarray:
+    sums = [dr.block_sum(channel, block) for order in bounces for channel in order]
     dr.eval(sums)
     return np.array(sums, dtype=np.float64) / block
 
@@ -146,25 +146,25 @@ class SampledChange:
     bound: float
 
 
-def sampled_changes(look: PathLook, display: Display, brightest: float) -> list[SampledChange]:
-    """Return what leaving out the indirect orders from each on changes, ``ORDERS`` of them.
+def sampled_changes(probe: PathProbe, display: Display, brightest: float) -> list[SampledChange]:
+    """Return what leaving out the indirect orders from each on changes, ``BOUNCES`` of them.
 
     Args:
         look: the paths.
         display: measures changes.
         brightest: radiance that one path may carry at least, for lobes that are not found; 0 else.
     """
-    full = look.halves.sum(axis=0)  # (N, 2, 3)
+    full = probe.halves.sum(axis=0)  # (N, 2, 3)
     lit = (full > 0.0).any(axis=(1, 2))
     if not lit.any():
-        return [SampledChange(0.0, 0.0, 0.0)] * ORDERS
-    kept = np.cumsum(look.halves[:, lit], axis=0)
+        return [SampledChange(0.0, 0.0, 0.0)] * BOUNCES
+    kept = np.cumsum(probe.halves[:, lit], axis=0)
     direct = kept[0].mean(axis=1)
-    weight = _steepest(display, direct) * _UNSEEN / look.paths * lit.size / int(lit.sum())
+    weight = _steepest(display, direct) * _UNSEEN / probe.paths * lit.size / int(lit.sum())
     changes = []
-    for first in range(ORDERS):
+    for first in range(BOUNCES):
         mean, error, bias = _mean_change(display, kept[first], full[lit])
-        largest = max(_RANGE_SAFETY * float(look.largest[first]), brightest)
+        largest = max(_RANGE_SAFETY * float(probe.largest[first]), brightest)
         spread = mean + _CERTAIN * error
         estimate, floor, bound = (
             display.of_mean(one, direct) for one in (mean, spread, spread + bias)

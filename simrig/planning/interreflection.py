@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from simrig.core.effects import Tolerance
-from simrig.planning.indirect import MORE_PATHS, PathLook, SampledChange, sampled_changes
+from simrig.planning.indirect import MORE_PATHS, PathProbe, SampledChange, sampled_changes
 from simrig.planning.transport import narrow_highlights
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class IndirectBounds:
     values: tuple[float, ...]
     why: str
 
-    def orders_needed(self, allowed: float) -> int | None:
+    def bounces_needed(self, allowed: float) -> int | None:
         """Return after how many indirect orders the rest may change no more than is allowed.
 
         None where even the last that are told apart may.
@@ -58,7 +58,7 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
     count = next(enough, None)
     if count is None:
         return _from_paths(found, paths)
-    paths = subject.look_at_paths(count)
+    paths = subject.probe_paths(count)
     return _from_paths(_sampled(subject, tolerance, paths), paths)
 
 
@@ -66,17 +66,17 @@ def _undecided(found: list[SampledChange], tolerance: Tolerance) -> bool:
     return found[0].estimate <= tolerance.amount < found[0].bound
 
 
-def with_more_paths(found: SampledChange, paths: PathLook, count: int) -> float:
+def with_more_paths(found: SampledChange, paths: PathProbe, count: int) -> float:
     """Return what the bound is likely to be with ``count`` paths: all but the floor falls."""
     return found.floor + (found.bound - found.floor) * paths.paths / count
 
 
-def _sampled(subject: SceneSubject, tolerance: Tolerance, paths: PathLook) -> list[SampledChange]:
+def _sampled(subject: SceneSubject, tolerance: Tolerance, paths: PathProbe) -> list[SampledChange]:
     hidden = float(narrow_highlights(subject.survey, subject.surfaces).max(initial=0.0))
     return sampled_changes(paths, subject.display(tolerance), hidden)
 
 
-def _from_paths(found: list[SampledChange], paths: PathLook) -> IndirectBounds:
+def _from_paths(found: list[SampledChange], paths: PathProbe) -> IndirectBounds:
     why = (
         f"{paths.paths:,} paths change {found[0].estimate:.3g}; three standard errors and what "
         "they may have missed are added"
@@ -86,5 +86,5 @@ def _from_paths(found: list[SampledChange], paths: PathLook) -> IndirectBounds:
 
 def proved_change(subject: SceneSubject, tolerance: Tolerance) -> float:
     """Return the bound of all indirect light that holds for each pixel, whatever paths find."""
-    picture, display = subject.look.picture, subject.display(tolerance)
+    picture, display = subject.probe.picture, subject.display(tolerance)
     return display.total(display.worst(picture, subject.proved_indirect.sum(axis=0)), picture)

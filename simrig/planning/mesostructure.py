@@ -83,20 +83,20 @@ def decide_mesostructure(
     if not structured_materials(subject.scene):
         return decisions, {}, 0.0
     asked = overrides.of(MESOSTRUCTURE)
-    looked = _StructureLook(subject, integrator, allowed)
+    probed = _StructureProbe(subject, integrator, allowed)
     if asked is not None and asked[0]:
-        distances = looked.everywhere
+        distances = probed.everywhere
     elif asked is not None:
-        distances = looked.nowhere
+        distances = probed.nowhere
     else:
-        distances = looked.distances(room)
-    change = looked.change(distances)
+        distances = probed.distances(room)
+    change = probed.change(distances)
     if asked is None and change > room:  # light that was reflected more than once changed as well
-        distances, change = looked.everywhere, 0.0
+        distances, change = probed.everywhere, 0.0
     on = any(distance > 0.0 for distance in distances.values())
-    share = looked.beyond(distances).sum() / max(looked.structured.sum(), 1)
-    full = looked.change(looked.nowhere)
-    saved = max(looked.seconds - looked.average_seconds, 0.0) * subject.pixels * USUAL_SPP
+    share = probed.beyond(distances).sum() / max(probed.structured.sum(), 1)
+    full = probed.change(probed.nowhere)
+    saved = max(probed.seconds - probed.average_seconds, 0.0) * subject.pixels * USUAL_SPP
     explained = Bound(full, allowed.unit, "the average of the tile in the place of its texels")
     why = asked[1] if asked else _why(on, float(share), full, change, room)
     cost = saved * (1.0 - share * on)
@@ -117,7 +117,7 @@ def _why(on: bool, share: float, full: float, change: float, room: float) -> str
 
 
 @dataclass(frozen=True, eq=False)
-class _StructureLook:
+class _StructureProbe:
     """The looked-at pixels of a scene with the structure of its materials and without."""
 
     subject: SceneSubject
@@ -150,7 +150,7 @@ class _StructureLook:
             self.integrator["type"] == "direct" and self.subject.survey.only_delta_lights
         )
         with structure_within(self.subject.scene, distances):
-            return self.subject.places.look(self.integrator, 1 if exact else DRAWN)
+            return self.subject.places.probe(self.integrator, 1 if exact else DRAWN)
 
     @property
     def seconds(self) -> float:
@@ -209,7 +209,7 @@ class _StructureLook:
 
     def _steps(self, seen: np.ndarray) -> np.ndarray:
         """Return by how much each place differs from what it is with structure."""
-        before, after = (self._display.coordinates(look) for look in (self._with[0], seen))
+        before, after = (self._display.coordinates(probe) for probe in (self._with[0], seen))
         return np.linalg.norm(before - after, axis=-1)
 
     def distances(self, room: float) -> dict[str, float]:
@@ -253,7 +253,7 @@ def _with_carriers(scene: Any) -> dict[str, tuple[Any, Any]]:
     parents = {node: parent for node, (parent, _) in mi.traverse(scene).hierarchy.items()}
     found: dict[str, tuple[Any, Any]] = {}
     for node in parents:
-        if type(node).__name__ != "simrig_btf" or len(node.reflectance.pyramid.shapes) == 1:
+        if type(node).__name__ != "simrig_btf" or len(node.brdf.mipmap.shapes) == 1:
             continue
         path, carrier = [node], node
         while parents[path[-1]] is not None:

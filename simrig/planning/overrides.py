@@ -44,7 +44,11 @@ def check_possible(subject: SceneSubject, overrides: Overrides) -> None:
     """
     check_environment(subject, overrides)
     variant = backend.current()
-    if "spectral" in overrides.force and "spectral" not in variant and not subject.source.rebuilds:
+    if (
+        "spectral" in overrides.force
+        and "spectral" not in variant
+        and not subject.source.reconstructs
+    ):
         raise SimrigError(
             f"the scene is made of objects of the variant '{variant}', which has no spectra: "
             "give a function that builds it, or load it in a spectral variant"

@@ -39,7 +39,7 @@ class Places:
         """Return what the rays meet: one surface interaction for each place of each pixel."""
         return self.scene.ray_intersect(self._ray)
 
-    def look(self, integrator: dict[str, Any], drawn: int = DRAWN) -> tuple[np.ndarray, float]:
+    def probe(self, integrator: dict[str, Any], drawn: int = DRAWN) -> tuple[np.ndarray, float]:
         """Return the radiance that an integrator finds, and what that takes.
 
         Integrators that draw the same numbers share them: ``ldsampler`` gives each ray its own

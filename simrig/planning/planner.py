@@ -39,7 +39,7 @@ from simrig.planning.overrides import (
     with_paths,
 )
 from simrig.planning.planned import direct_light
-from simrig.planning.probe import PATH_SAMPLES, SAMPLES, look
+from simrig.planning.probe import PATH_SAMPLES, SAMPLES, probe
 from simrig.planning.source import SceneSource, scene_source_in
 from simrig.planning.subject import SampledSubject, SceneSubject
 from simrig.rendering import render as rendering
@@ -182,11 +182,11 @@ def _depth(
     if indirect.bound.value == 0.0:
         return DIRECT_DEPTH + 1, 0.0
     bounds = subject.indirect_changes(allowed)
-    orders = bounds.orders_needed(max(allowed.amount - left_out(decisions), 0.0))
-    if orders is None:
+    bounces = bounds.bounces_needed(max(allowed.amount - left_out(decisions), 0.0))
+    if bounces is None:
         return UNLIMITED, 0.0
-    orders = max(orders, 1)
-    return DIRECT_DEPTH + orders, bounds.values[orders]
+    bounces = max(bounces, 1)
+    return DIRECT_DEPTH + bounces, bounds.values[bounces]
 
 
 def _select_variant(source: SceneSource, overrides: Overrides) -> None:
@@ -197,7 +197,7 @@ def _select_variant(source: SceneSource, overrides: Overrides) -> None:
     variant = backend.current()
     asked = overrides.of(SPECTRAL, spectral_bound(source, ""))
     spectral = asked[0] if asked else spectral_bound(source, "") is None
-    if source.rebuilds and spectral != ("spectral" in variant):
+    if source.reconstructs and spectral != ("spectral" in variant):
         first, second = ("rgb", "spectral") if spectral else ("spectral", "rgb")
         backend.select(variant.replace(first, second))
 
@@ -224,15 +224,15 @@ def _sampled(
         paths = subject.paths
         radiance = paths.radiance(integrator["max_depth"])
         return SampledSubject(subject, radiance, paths.seconds_per_sample)
-    seen, seconds = subject.look, subject.look.seconds_per_sample
+    seen, seconds = subject.probe, subject.probe.seconds_per_sample
     known = subject.survey.only_delta_lights and kind != "volpath"  # but for the test of shadows
     if averaged or not (known or integrator == subject.direct):
         samples = SAMPLES if kind == "simrig_all_lights" else PATH_SAMPLES
-        seen = look(subject.scene, integrator, samples)
+        seen = probe(subject.scene, integrator, samples)
         seconds = seen.seconds_per_sample
     elif known:
-        tested, looked = (one.get("shadows", True) for one in (integrator, subject.direct))
-        seconds += (tested - looked) * shadow_seconds(subject)
+        tested, probed = (one.get("shadows", True) for one in (integrator, subject.direct))
+        seconds += (tested - probed) * shadow_seconds(subject)
     return SampledSubject(subject, seen.radiance, seconds)
 
 

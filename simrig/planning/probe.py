@@ -26,7 +26,7 @@ SEED = 20_240_607  # plans are reproducible
 
 
 @dataclass(frozen=True, eq=False)
-class CameraLook:
+class CameraProbe:
     """Radiance that the camera sees in n pixels, k times each.
 
     Attributes:
@@ -52,7 +52,7 @@ class CameraLook:
         return self.radiance.mean(axis=1)
 
 
-def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -> CameraLook:
+def probe(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -> CameraProbe:
     """Look at random pixels of the picture (all of them when there are few).
 
     Args:
@@ -91,7 +91,7 @@ def look(scene: Any, integrator: Any, samples: int = SAMPLES, sensor: int = 0) -
             f"column) ({bad[0, 1]}, {bad[0, 0]}): the material or the light gives NaN or infinity "
             "there"
         )
-    return CameraLook(
+    return CameraProbe(
         seen,
         position,
         facing,
@@ -138,7 +138,7 @@ def to_rgb(value: Any, ray: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceLook:
+class SurfaceProbe:
     """What m random points of every body do with light, seen from above in random directions.
 
     Attributes:
@@ -154,7 +154,7 @@ class SurfaceLook:
     smooth_peak: np.ndarray
 
 
-def look_at_surfaces(scene: Any, bodies: list, points: int = 128, samples: int = 64) -> SurfaceLook:
+def probe_surfaces(scene: Any, bodies: list, points: int = 128, samples: int = 64) -> SurfaceProbe:
     """Sample the BSDFs of every body at random points and view directions.
 
     Args:
@@ -182,7 +182,7 @@ def look_at_surfaces(scene: Any, bodies: list, points: int = 128, samples: int =
     mirrored = np.array(delta).reshape(count, samples, 1)[hit].max(axis=1)
     peak = values.max(axis=1)
     infinite = np.where(mirrored, np.inf, peak)
-    return SurfaceLook(body[hit], weights.mean(axis=1), infinite, peak)
+    return SurfaceProbe(body[hit], weights.mean(axis=1), infinite, peak)
 
 
 def three_channels(value: Any) -> Any:
@@ -219,7 +219,7 @@ def _around(normal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return cosine * normal + np.sqrt(1.0 - cosine**2) * tangent
 
 
-def look_between(
+def probe_between(
     scene: Any, bodies: list, integrator: Any, points: int = 4096
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the radiance that random points of bodies send to random points of others.

@@ -25,7 +25,7 @@ from simrig.core.effects import Bound, Tolerance
 from simrig.planning.directional import Environment
 from simrig.planning.occlusion import can_hide_points
 from simrig.planning.places import measured_change
-from simrig.planning.probe import PIXELS, CameraLook
+from simrig.planning.probe import PIXELS, CameraProbe
 from simrig.planning.survey import Body
 from simrig.planning.transport import brightest_of, transport
 from simrig.scenes.latlong import latlong_directions, solid_angles
@@ -77,7 +77,7 @@ def hidden_bound(subject: Any, tolerance: Tolerance) -> Bound | None:
     survey = subject.survey
     if survey.unknown or (survey.delta_lights and can_hide_points(survey)):
         return None
-    picture, display = subject.look.picture, subject.display(tolerance)
+    picture, display = subject.probe.picture, subject.display(tolerance)
     cones = display.total(display.worst(picture, hidden_light(subject)), picture)
     why = "the light that other bodies' bounding spheres can hide at the looked-at points"
     if cones > tolerance.amount:
@@ -92,11 +92,11 @@ def hidden_bound(subject: Any, tolerance: Tolerance) -> Bound | None:
 
 def hidden_light(subject: Any) -> np.ndarray:
     """Return the radiance (n, 3) that the looked-at pixels gain without shadows, at most."""
-    survey, look = subject.survey, subject.look
+    survey, probe = subject.survey, subject.probe
     passed_on = transport(survey, subject.surfaces, subject.direct)
-    points = _points(look, survey.bodies)
+    points = _points(probe, survey.bodies)
     albedo, peak = passed_on.albedo[points.body], passed_on.peak[points.body]
-    gained = np.zeros((len(look.body), 3))
+    gained = np.zeros((len(probe.body), 3))
     if survey.environment is not None:
         sky = _Sky(subject.environment, len(points.body) * len(survey.bodies))
         _add(gained, points, _hidden_sky(points, survey.bodies, sky, albedo, peak))
@@ -111,12 +111,12 @@ def _add(gained: np.ndarray, points: Points, found: np.ndarray) -> None:
     np.add.at(gained, points.pixel, found)
 
 
-def _points(look: CameraLook, bodies: list[Body]) -> Points:
+def _points(probe: CameraProbe, bodies: list[Body]) -> Points:
     """Return one point of each pixel that shows a body: the first that hits one."""
-    hit = look.body >= 0
+    hit = probe.body >= 0
     pixel = np.flatnonzero(hit.any(axis=1))
     first = hit[pixel].argmax(axis=1)
-    body, position, normal = (x[pixel, first] for x in (look.body, look.position, look.normal))
+    body, position, normal = (x[pixel, first] for x in (probe.body, probe.position, probe.normal))
     spread, bend = np.empty(len(pixel)), np.full(len(pixel), np.pi)
     for index, one in enumerate(bodies):
         (mine,) = np.nonzero(body == index)

@@ -40,7 +40,7 @@ class SceneSource:
 
     Attributes:
         build: returns a dictionary or loaded scene for the current variant.
-        rebuilds: whether ``build`` works in another variant than the one it was made in.
+        reconstructs: whether ``build`` works in another variant than the one it was made in.
         spectral: what in the description is spectral; empty when all of it is RGB, None when
             that is not known.
         pixel_centres: whether the camera looks through pixel centres only, so that more samples
@@ -48,7 +48,7 @@ class SceneSource:
     """
 
     build: Callable[[], Any]
-    rebuilds: bool
+    reconstructs: bool
     spectral: tuple[str, ...] | None
     pixel_centres: bool
 
@@ -80,10 +80,12 @@ def scene_source(scene: Any) -> SceneSource:
     if isinstance(scene, str | os.PathLike):
         return _from_file(Path(scene))
     if isinstance(scene, Mapping):
-        return _from_dictionary(lambda: dict(scene), dict(scene), rebuilds=not _has_objects(scene))
+        return _from_dictionary(
+            lambda: dict(scene), dict(scene), reconstructs=not _has_objects(scene)
+        )
     if callable(scene):
         made = scene()
-        return _from_dictionary(_made_once(scene, made), made, rebuilds=True)
+        return _from_dictionary(_made_once(scene, made), made, reconstructs=True)
     if hasattr(scene, "sensors"):
         return SceneSource(lambda: scene, False, None, False)
     kind = type(scene).__name__
@@ -98,12 +100,12 @@ def _made_once(scene: Callable[[], Any], made: Any) -> Callable[[], Any]:
     return lambda: made if mi.variant() == variant else scene()
 
 
-def _from_dictionary(build: Callable[[], Any], made: Any, rebuilds: bool) -> SceneSource:
+def _from_dictionary(build: Callable[[], Any], made: Any, reconstructs: bool) -> SceneSource:
     if not isinstance(made, Mapping):
-        return SceneSource(build, rebuilds, None, False)
+        return SceneSource(build, reconstructs, None, False)
     sampler = made.get("sensor", {}).get("sampler", {}) if _is_mapping(made.get("sensor")) else {}
     centres = sampler.get("jitter") is False and sampler.get("sample_count") == 1
-    return SceneSource(build, rebuilds, tuple(sorted(set(_spectral_entries(made)))), centres)
+    return SceneSource(build, reconstructs, tuple(sorted(set(_spectral_entries(made)))), centres)
 
 
 def _from_file(path: Path) -> SceneSource:

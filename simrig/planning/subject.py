@@ -12,7 +12,7 @@ from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError
 from simrig.planning.change import Display
 from simrig.planning.directional import Environment
-from simrig.planning.indirect import PATHS, PathLook, look_at_paths
+from simrig.planning.indirect import PATHS, PathProbe, probe_paths
 from simrig.planning.integrators import direct_integrator, hides_emitters
 from simrig.planning.interreflection import IndirectBounds, indirect_bounds
 from simrig.planning.noise import SamplingNoise
@@ -21,10 +21,10 @@ from simrig.planning.places import Places
 from simrig.planning.probe import (
     PATH_SAMPLES,
     SAMPLES,
-    CameraLook,
-    SurfaceLook,
-    look,
-    look_at_surfaces,
+    CameraProbe,
+    SurfaceProbe,
+    probe,
+    probe_surfaces,
 )
 from simrig.planning.source import SceneSource
 from simrig.planning.survey import Survey
@@ -69,10 +69,10 @@ class SceneSubject:
         return direct_integrator(self.scene, self.shadows_possible)
 
     @cached_property
-    def look(self) -> CameraLook:
+    def probe(self) -> CameraProbe:
         """Some pixels in direct light."""
         exact = self.survey.only_delta_lights  # what is left to chance is the place in a pixel
-        return look(self.scene, self.direct, SAMPLES if exact else PATH_SAMPLES)
+        return probe(self.scene, self.direct, SAMPLES if exact else PATH_SAMPLES)
 
     @cached_property
     def exposure(self) -> float:
@@ -80,7 +80,7 @@ class SceneSubject:
         if isinstance(self._exposure, float | int):
             return float(self._exposure)
         chosen = self._exposure or rendering.display_exposure
-        picture = self.look.picture
+        picture = self.probe.picture
         return chosen(picture[:, None]) if picture.any() else 1.0
 
     def display(self, tolerance: Tolerance) -> Display:
@@ -93,9 +93,9 @@ class SceneSubject:
         return can_shadow(self.survey)
 
     @cached_property
-    def paths(self) -> PathLook:
+    def paths(self) -> PathProbe:
         """The looked-at pixels, told apart by orders of reflection."""
-        return self.look_at_paths(PATHS)
+        return self.probe_paths(PATHS)
 
     @cached_property
     def places(self) -> Places:
@@ -105,7 +105,7 @@ class SceneSubject:
     def direct_at_places(self, shadows: bool) -> tuple[np.ndarray, float]:
         """Return direct light there, (n, places, 3), and the seconds of a sample."""
         if shadows not in self._at_places:
-            self._at_places[shadows] = self.places.look(direct_integrator(self.scene, shadows))
+            self._at_places[shadows] = self.places.probe(direct_integrator(self.scene, shadows))
         return self._at_places[shadows]
 
     @cached_property
@@ -114,25 +114,25 @@ class SceneSubject:
         return Environment(self.survey.environment)
 
     @property
-    def looked_at_paths(self) -> bool:
+    def probed_paths(self) -> bool:
         """Whether ``paths`` have been traced."""
         return "paths" in self.__dict__
 
-    def look_at_paths(self, count: int) -> PathLook:
+    def probe_paths(self, count: int) -> PathProbe:
         """Return the looked-at pixels from about ``count`` paths."""
         hides = hides_emitters(self.scene)
-        return look_at_paths(self.scene, self.survey.only_delta_lights, hides, count)
+        return probe_paths(self.scene, self.survey.only_delta_lights, hides, count)
 
     @cached_property
-    def surfaces(self) -> SurfaceLook:
+    def surfaces(self) -> SurfaceProbe:
         """What the bodies do with light."""
-        return look_at_surfaces(self.scene, self.survey.bodies)
+        return probe_surfaces(self.scene, self.survey.bodies)
 
     @cached_property
     def proved_indirect(self) -> np.ndarray:
         """Bound of what the looked-at pixels gain by order, (MOST_ORDERS, n, 3) radiance."""
         passed_on = transport(self.survey, self.surfaces, self.direct)
-        return passed_on.seen(self.look, self.survey.bodies)
+        return passed_on.seen(self.probe, self.survey.bodies)
 
     def indirect_changes(self, tolerance: Tolerance) -> IndirectBounds:
         """Return the most that leaving out the orders from each on changes."""
@@ -143,15 +143,15 @@ class SceneSubject:
 
     def unshadowed_change(self, tolerance: Tolerance) -> float:
         """Return how far the looked-at pixels change when nothing casts a shadow."""
-        without = look(self.scene, direct_integrator(self.scene, shadows=False), SAMPLES)
+        without = probe(self.scene, direct_integrator(self.scene, shadows=False), SAMPLES)
         display = self.display(tolerance)
-        before, after = self.look.picture, without.picture
+        before, after = self.probe.picture, without.picture
         return display.total(display.per_pixel(before, after), before)
 
     def black_change(self, tolerance: Tolerance) -> float:
         """Return how far the picture is from a black one."""
         display = self.display(tolerance)
-        picture = self.look.picture
+        picture = self.probe.picture
         return display.total(display.per_pixel(picture, np.zeros_like(picture)), picture)
 
 

@@ -24,10 +24,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from simrig.planning.probe import CameraLook, SurfaceLook, look_between, rows, three_channels
+from simrig.planning.probe import CameraProbe, SurfaceProbe, probe_between, rows, three_channels
 from simrig.planning.survey import Body, Survey
 
-MOST_ORDERS = 16
+MOST_BOUNCES = 16
 _POINTS_PER_PIXEL = 4  # at which the bound is taken; it varies little within a pixel
 # Largest values over random samples stand for largest values over all; these factors allow for
 # what the samples missed.
@@ -53,26 +53,26 @@ class Transport:
     coupling: np.ndarray
     sent: np.ndarray
 
-    def orders(self) -> np.ndarray:
+    def bounces(self) -> np.ndarray:
         """Return the radiance that bodies send after each order of reflection.
 
         Returns:
             (MOST_ORDERS, b, 3): entry k is the bound of what was reflected k + 1 times, and
             infinite radiance is left in the last where the series does not converge.
         """
-        orders = [self.sent]
-        for _ in range(MOST_ORDERS - 1):
-            spread = np.einsum("ijc,jc->ic", self.coupling, orders[-1])
-            orders.append(np.minimum(spread, self.albedo * orders[-1].max(axis=0)))
+        bounces = [self.sent]
+        for _ in range(MOST_BOUNCES - 1):
+            spread = np.einsum("ijc,jc->ic", self.coupling, bounces[-1])
+            bounces.append(np.minimum(spread, self.albedo * bounces[-1].max(axis=0)))
         # what is beyond the last order is at most a geometric series of its row sums
         gain = np.minimum(self.coupling.sum(axis=1), self.albedo).max(axis=0)
-        last = orders[-1].max(axis=0)
+        last = bounces[-1].max(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             tail = np.where(gain < 1.0, last / np.maximum(1.0 - gain, 1e-12), np.inf)
-        orders[-1] = np.broadcast_to(np.where(last > _NO_LIGHT, tail, 0.0), self.sent.shape)
-        return np.stack(orders)
+        bounces[-1] = np.broadcast_to(np.where(last > _NO_LIGHT, tail, 0.0), self.sent.shape)
+        return np.stack(bounces)
 
-    def seen(self, look: CameraLook, bodies: list[Body]) -> np.ndarray:
+    def seen(self, probe: CameraProbe, bodies: list[Body]) -> np.ndarray:
         """Return what pixels gain from each order that reaches them by way of other bodies.
 
         Args:
@@ -83,8 +83,8 @@ class Transport:
             (MOST_ORDERS, n, 3) radiance: entry k is light reflected k + 2 times before the camera.
         """
         few = slice(None, _POINTS_PER_PIXEL)
-        hit = look.body[:, few].reshape(-1)
-        points, normals = (x[:, few].reshape(-1, 3) for x in (look.position, look.normal))
+        hit = probe.body[:, few].reshape(-1)
+        points, normals = (x[:, few].reshape(-1, 3) for x in (probe.position, probe.normal))
         angles = np.stack([visible_angle(points, normals, body) for body in bodies], axis=1)
         concave = np.array([not body.convex for body in bodies])
         own = hit[:, None] == np.arange(len(bodies))
@@ -92,8 +92,8 @@ class Transport:
         angles[hit < 0] = 0.0
         albedo, peak = self.albedo[hit], self.peak[hit]
         weights = _transfer(albedo[:, None, :], peak[:, None, :], angles[..., None])
-        gained = np.zeros((MOST_ORDERS, len(hit), 3))
-        for gain, order in zip(gained, self.orders(), strict=True):
+        gained = np.zeros((MOST_BOUNCES, len(hit), 3))
+        for gain, order in zip(gained, self.bounces(), strict=True):
             brightest = np.zeros_like(gain)
             for weight, angle, radiance in zip(
                 weights.swapaxes(0, 1), angles.T, order, strict=True
@@ -101,7 +101,7 @@ class Transport:
                 gain += _product(weight, radiance)
                 np.maximum(brightest, np.where(angle[:, None] > 0.0, radiance, 0.0), out=brightest)
             np.minimum(gain, _product(albedo, brightest), out=gain)
-        return gained.reshape(MOST_ORDERS, len(look.body), -1, 3).mean(axis=2)
+        return gained.reshape(MOST_BOUNCES, len(probe.body), -1, 3).mean(axis=2)
 
 
 def _product(share: np.ndarray, radiance: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ def _cap(distance: np.ndarray, radius: float | np.ndarray) -> np.ndarray:
     return 2.0 * np.pi * (1.0 - np.sqrt(1.0 - sine**2))
 
 
-def transport(survey: Survey, surfaces: SurfaceLook, integrator: Any) -> Transport:
+def transport(survey: Survey, surfaces: SurfaceProbe, integrator: Any) -> Transport:
     """Return how the bodies of a scene pass light on.
 
     Args:
@@ -150,7 +150,7 @@ def transport(survey: Survey, surfaces: SurfaceLook, integrator: Any) -> Transpo
     peak = _largest(surfaces.peak, surfaces, bodies) * _PEAK_SAFETY
     if survey.only_delta_lights:
         sent = np.zeros((len(bodies), 3))
-        senders, radiance = look_between(survey.scene, bodies, integrator)
+        senders, radiance = probe_between(survey.scene, bodies, integrator)
         np.maximum.at(sent, senders, radiance * _RADIANCE_SAFETY)
         sent = np.maximum(sent, narrow_highlights(survey, surfaces))
     else:
@@ -158,7 +158,7 @@ def transport(survey: Survey, surfaces: SurfaceLook, integrator: Any) -> Transpo
     return Transport(albedo, peak, _coupling(bodies, albedo, peak), sent)
 
 
-def narrow_highlights(survey: Survey, surfaces: SurfaceLook) -> np.ndarray:
+def narrow_highlights(survey: Survey, surfaces: SurfaceProbe) -> np.ndarray:
     """Return the radiance of highlights that samples may not find, (b, 3) per body; 0 without any.
 
     Under delta lights a lobe shows a highlight as narrow as itself; that of its peak is the
@@ -173,7 +173,7 @@ def narrow_highlights(survey: Survey, surfaces: SurfaceLook) -> np.ndarray:
     return np.where(narrow, _PEAK_SAFETY * peak * _brightest_irradiance(survey), 0.0)
 
 
-def _largest(values: np.ndarray, surfaces: SurfaceLook, bodies: list[Body]) -> np.ndarray:
+def _largest(values: np.ndarray, surfaces: SurfaceProbe, bodies: list[Body]) -> np.ndarray:
     """Return the largest of (m, 3) values per body, (b, 3)."""
     largest = np.zeros((len(bodies), 3))
     np.maximum.at(largest, surfaces.body, values)

@@ -1,11 +1,11 @@
-"""Where a gantry of two rotating arms measures: slices at a few pairs of elevations.
+"""Where a gantry of two rotating arms measures: slices at a few pairs of polar angles.
 
-The arms turn around the normal with lights and cameras fixed at a few elevations. Turning
+The arms turn around the normal with lights and cameras fixed at a few polar angles. Turning
 together they record an axial slice, turning against each other a diagonal slice. The position
 along a slice is φ_v, over a full circle (thesis equations 5.1 and 5.2).
 
-Source: thesis sections 6.1.1 (one slice of each kind, two elevations), 6.2.3 (frames near the
-specular highlights) and 6.4.4 (more elevations and slices).
+Source: thesis sections 6.1.1 (one slice of each kind, two polar angles), 6.2.3 (frames near the
+specular highlights) and 6.4.4 (more polar angles and slices).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class GantrySlice:
 
     Attributes:
         kind: AXIAL (φ_v − φ_i = offset) or DIAGONAL (φ_i + φ_v = offset).
-        pair: numbers of the elevations of illumination and view.
+        pair: numbers of the polar angles of illumination and view.
         offset: α or β in radians.
         positions: (m,) φ_v of the samples in radians, ascending, within one turn.
     """
@@ -48,22 +48,22 @@ class GantrySlice:
 
 @dataclass(frozen=True)
 class GantryPlan:
-    """Slices at every pair of some elevations; the default is the thesis's with 168 samples.
+    """Slices at every pair of some polar angles; the default is the thesis's with 168 samples.
 
     Several slices of a kind are spread evenly. The axial ones then include the plane of
     incidence (α = 180°), where the specular highlight lies.
 
     Args:
-        elevations: of lights and cameras, in radians, increasing within (0, 90°); at least two.
+        thetas: of lights and cameras, in radians, increasing within (0, 90°); at least two.
         axial: axial slices per subspace; 0 is the isotropic variant (84 samples).
         diagonal: diagonal slices per subspace, at least one.
         slice_samples: samples of a slice, evenly over the full circle; at least 4.
-        lowest_samples: the same where both arms are at their lowest elevation.
+        lowest_samples: the same where both arms are at their lowest polar angle.
         highlights: two more samples 1° beside each specular highlight that a diagonal slice
             crosses, 208 samples with ``lowest_samples`` = 24.
     """
 
-    elevations: tuple[float, ...] = (float(np.radians(30.0)), float(np.radians(75.0)))
+    thetas: tuple[float, ...] = (float(np.radians(30.0)), float(np.radians(75.0)))
     axial: int = 1
     diagonal: int = 1
     slice_samples: int = 24
@@ -71,32 +71,32 @@ class GantryPlan:
     highlights: bool = False
 
     def __post_init__(self) -> None:
-        theta = np.asarray(self.elevations, dtype=np.float64)
+        theta = np.asarray(self.thetas, dtype=np.float64)
         increasing = theta.ndim == 1 and theta.size >= 2 and bool(np.all(np.diff(theta) > 0.0))
         if not increasing or not 0.0 < theta[0] <= theta[-1] < np.pi / 2:
             raise SimrigError(
-                "a gantry needs at least two elevations that increase within (0, 90) degrees, got "
+                "a gantry needs at least two polar angles increasing within (0, 90) degrees, got "
                 f"{np.degrees(theta).round(6).tolist()}"
             )
-        object.__setattr__(self, "elevations", tuple(theta.tolist()))
+        object.__setattr__(self, "thetas", tuple(theta.tolist()))
         _check_count("axial slices per subspace", self.axial, 0, _MOST_SLICES)
         _check_count("diagonal slices per subspace", self.diagonal, 1, _MOST_SLICES)
         _check_count("samples per slice", self.slice_samples, 4, _MOST_SAMPLES)
         _check_count("samples per slice at the lowest pair", self.lowest_samples, 4, _MOST_SAMPLES)
 
     @classmethod
-    def from_degrees(cls, *elevations_deg: float, **settings: int) -> GantryPlan:
-        """Return the plan for elevations in degrees; settings as the fields of the class.
+    def from_degrees(cls, *thetas_deg: float, **settings: int) -> GantryPlan:
+        """Return the plan for polar angles in degrees; settings as the fields of the class.
 
         Raises:
-            SimrigError: for elevations or numbers that do not fit (see the class).
+            SimrigError: for polar angles or numbers that do not fit (see the class).
         """
-        return cls(tuple(np.radians(elevations_deg).tolist()), **settings)  # type: ignore[arg-type]
+        return cls(tuple(np.radians(thetas_deg).tolist()), **settings)  # type: ignore[arg-type]
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Numbers (illumination, view) of the elevations of every subspace."""
-        numbers = range(len(self.elevations))
+        """Numbers (illumination, view) of the polar angles of every subspace."""
+        numbers = range(len(self.thetas))
         return list(product(numbers, numbers))
 
     @property
@@ -141,7 +141,7 @@ class GantryPlan:
         for one in self.slices:
             phi_v = one.positions
             phi_i = phi_v - one.offset if one.kind == AXIAL else one.offset - phi_v
-            theta = [np.full(len(phi_v), self.elevations[number]) for number in one.pair]
+            theta = [np.full(len(phi_v), self.thetas[number]) for number in one.pair]
             parts.append(np.stack([*theta, np.mod(phi_i, _TURN), phi_v], axis=1))
         return np.concatenate(parts)
 
@@ -158,9 +158,9 @@ class GantryPlan:
 
     def describe(self) -> str:
         """Return the plan in words."""
-        elevations = ", ".join(f"{theta:g}°" for theta in np.degrees(self.elevations).round(9))
+        thetas = ", ".join(f"{theta:g}°" for theta in np.degrees(self.thetas).round(9))
         return (
-            f"elevations {elevations}; {self.axial} axial and {self.diagonal} diagonal slices "
+            f"polar angles {thetas}; {self.axial} axial and {self.diagonal} diagonal slices "
             f"per subspace, {self.samples} samples"
         )
 
@@ -169,9 +169,9 @@ def gantry_plan(samples: int, isotropic: bool = False) -> GantryPlan:
     """Return a plan of at most a number of samples.
 
     The thesis's plan at 168 samples (84 for isotropic materials), fewer samples along the same
-    slices below, more slices above; from three of each kind on at the four elevations that thesis
-    section 6.5 recommends (the study ``gantry-slices`` finds two elevations better before). An
-    isotropic material needs no second slice: it gets four elevations, then denser slices.
+    slices below, more slices above; from three of each kind on at the four polar angles that thesis
+    section 6.5 recommends (the study ``gantry-slices`` finds two polar angles better before). An
+    isotropic material needs no second slice: it gets four polar angles, then denser slices.
 
     Args:
         samples: the most samples to take.
@@ -186,13 +186,13 @@ def gantry_plan(samples: int, isotropic: bool = False) -> GantryPlan:
             f"{samples} samples are too few for a gantry: it needs at least {16 * kinds}"
         )
     many = samples >= 16 * 24 * (1 if isotropic else 2 * 3)
-    elevations = (15.0, 30.0, 52.5, 75.0) if many else (30.0, 75.0)
-    others = len(elevations) ** 2 - 1
+    thetas = (15.0, 30.0, 52.5, 75.0) if many else (30.0, 75.0)
+    others = len(thetas) ** 2 - 1
     slices = min(max(1, samples // ((24 * others + 12) * kinds)), 1 if isotropic else _ENOUGH)
     each = min(samples // (kinds * slices), _MOST_SAMPLES)
     lowest = max(4, each // (2 * others + 1))
     return GantryPlan.from_degrees(
-        *elevations,
+        *thetas,
         axial=0 if isotropic else slices,
         diagonal=slices,
         slice_samples=(each - lowest) // others,

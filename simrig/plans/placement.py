@@ -1,7 +1,7 @@
 """Where the one-dimensional slices lie in the four-dimensional BRDF space.
 
 A *slice* is a straight segment in the space of angles (theta_i, theta_v, phi_i, phi_v). In the
-subspace of two elevations, axial slices hold φ_v − φ_i = α and run along the mean azimuth
+subspace of two polar angles, axial slices hold φ_v − φ_i = α and run along the mean azimuth
 (φ_i + φ_v)/2; diagonal slices hold φ_i + φ_v = β and run along the half difference
 (φ_v − φ_i)/2. Both coordinates keep their meaning when light and view change places (the mean
 azimuth stays, the half difference changes sign), which is why they, and not φ_v as in thesis
@@ -18,11 +18,11 @@ from functools import cached_property
 
 import numpy as np
 
-from simrig.brdf.slices.layout import slice_elevations
+from simrig.brdf.slices.layout import slice_thetas
 from simrig.core.errors import SimrigError
 from simrig.plans.slices import Slices, build_slices, pair_slices
 
-# thesis Table 5.1: (largest number of samples, elevation step, azimuth step), in degrees
+# thesis Table 5.1: (largest number of samples, polar angle step, azimuth step), in degrees
 TABLE_5_1: tuple[tuple[float, float, float], ...] = (
     (667, 28, 180),
     (932, 20, 180),
@@ -43,7 +43,7 @@ TABLE_5_1: tuple[tuple[float, float, float], ...] = (
     (np.inf, 6, 12),
 )
 
-_MOST_ELEVATIONS, _MOST_INTERSECTIONS = 1000, 20_000_000  # a few gigabytes of index arrays
+_MOST_THETAS, _MOST_INTERSECTIONS = 1000, 20_000_000  # a few gigabytes of index arrays
 
 
 def _check_azimuth_step(a_s: float, least: int) -> None:
@@ -57,31 +57,31 @@ def _check_azimuth_step(a_s: float, least: int) -> None:
 
 @dataclass(frozen=True)
 class SlicePlacement:
-    """A regular placement of slices by elevation step, azimuth step and largest elevation.
+    """A regular placement of slices by polar angle step, azimuth step and largest polar angle.
 
-    Elevations are k·e_s and theta_max; axial and diagonal slices lie at multiples of a_s
+    Polar angles are k·e_s and theta_max; axial and diagonal slices lie at multiples of a_s
     (thesis section 5.4.1).
 
     Args:
-        elevation_step: e_s in radians, in (0, theta_max].
+        theta_step: e_s in radians, in (0, theta_max].
         azimuth_step: a_s in radians, a whole fraction 360°/a_n with a_n >= 2.
-        theta_max: largest elevation in radians, in (0, 90°).
+        theta_max: largest polar angle in radians, in (0, 90°).
     """
 
-    elevation_step: float
+    theta_step: float
     azimuth_step: float
     theta_max: float
 
     def __post_init__(self) -> None:
-        e_s, a_s, top = np.degrees([self.elevation_step, self.azimuth_step, self.theta_max])
+        e_s, a_s, top = np.degrees([self.theta_step, self.azimuth_step, self.theta_max])
         if not 0.0 < top < 90.0:
             raise SimrigError(f"theta_max must lie between 0 and 90 degrees, got {top:g}")
         if not 0.0 < e_s <= top:
             raise SimrigError(
-                f"the elevation step must lie in (0, {top:g}] degrees (theta_max), got {e_s:g}"
+                f"the polar angle step must lie in (0, {top:g}] degrees (theta_max), got {e_s:g}"
             )
         _check_azimuth_step(a_s, least=2)
-        if top / e_s > _MOST_ELEVATIONS or self.intersections > _MOST_INTERSECTIONS:
+        if top / e_s > _MOST_THETAS or self.intersections > _MOST_INTERSECTIONS:
             raise SimrigError(
                 f"steps of {e_s:g} and {a_s:g} degrees give more than {_MOST_INTERSECTIONS:,} "
                 "intersections: use larger steps"
@@ -89,28 +89,28 @@ class SlicePlacement:
 
     @classmethod
     def from_degrees(
-        cls, elevation_step_deg: float, azimuth_step_deg: float, theta_max_deg: float = 80.0
+        cls, theta_step_deg: float, azimuth_step_deg: float, theta_max_deg: float = 80.0
     ) -> SlicePlacement:
         """Return the placement for steps given in degrees.
 
         Args:
-            elevation_step_deg, azimuth_step_deg: between neighbouring slices.
-            theta_max_deg: the largest elevation.
+            theta_step_deg, azimuth_step_deg: between neighbouring slices.
+            theta_max_deg: the largest polar angle.
 
         Raises:
             SimrigError: for steps that do not fit (see the class).
         """
-        return cls(*np.radians([elevation_step_deg, azimuth_step_deg, theta_max_deg]).tolist())
+        return cls(*np.radians([theta_step_deg, azimuth_step_deg, theta_max_deg]).tolist())
 
     @cached_property
-    def elevations(self) -> np.ndarray:
-        """All measured elevations in radians, shape (e_n,), from 0 to theta_max."""
-        return slice_elevations(self.elevation_step, self.theta_max)
+    def thetas(self) -> np.ndarray:
+        """All measured polar angles in radians, shape (e_n,), from 0 to theta_max."""
+        return slice_thetas(self.theta_step, self.theta_max)
 
     @property
-    def elevation_count(self) -> int:
-        """e_n, the number of elevations."""
-        return len(self.elevations)
+    def theta_count(self) -> int:
+        """e_n, the number of polar angles."""
+        return len(self.thetas)
 
     @property
     def azimuth_count(self) -> int:
@@ -123,12 +123,12 @@ class SlicePlacement:
 
         Light and view may change places, and at theta = 0 the azimuth does not matter.
         """
-        e, a = self.elevation_count - 1, self.azimuth_count
+        e, a = self.theta_count - 1, self.azimuth_count
         return e * (e - 1) * a * a + e * (a * a + a) + 2 * e * a + 1
 
     def describe(self) -> str:
         """Return the steps in words, for example ``e_s = 14°, a_s = 36°, theta_max = 80°``."""
-        e_s, a_s, top = np.degrees([self.elevation_step, self.azimuth_step, self.theta_max])
+        e_s, a_s, top = np.degrees([self.theta_step, self.azimuth_step, self.theta_max])
         return f"e_s = {e_s:g}°, a_s = {a_s:g}°, theta_max = {top:g}°"
 
     def corner_samples(self) -> np.ndarray:
@@ -138,7 +138,7 @@ class SlicePlacement:
             int array (e_n, e_n, a_n, 2·a_n), indexed by theta_i, theta_v, α and half steps of the
             mean azimuth, with values 0..intersections − 1.
         """
-        e_n, a_n = self.elevation_count, self.azimuth_count
+        e_n, a_n = self.theta_count, self.azimuth_count
         i, v, j, k = np.indices((e_n, e_n, a_n, 2 * a_n), sparse=False)
         turn = 2 * a_n
         # the same pair with light and view exchanged: α → −α, mean azimuth shifted by 180°
@@ -162,7 +162,7 @@ class SlicePlacement:
         i, v, j, k = np.unravel_index(first, corners.shape)
         half = self.azimuth_step / 2.0
         phi = np.where(i == 0, 0.0, (k - j) * half), np.where(v == 0, 0.0, (k + j) * half)
-        return np.stack([self.elevations[i], self.elevations[v], *phi], axis=1)
+        return np.stack([self.thetas[i], self.thetas[v], *phi], axis=1)
 
     def slices(self, slice_types: str = "all") -> Slices:
         """Return every distinct slice with its intersections (see ``build_slices``)."""
@@ -174,7 +174,7 @@ def optimal_placement(samples: int, theta_max_deg: float = 80.0) -> SlicePlaceme
 
     Args:
         samples: wished number of samples.
-        theta_max_deg: largest elevation in degrees.
+        theta_max_deg: largest polar angle in degrees.
 
     Raises:
         SimrigError: when even the sparsest placement has more intersections than ``samples``.
@@ -193,10 +193,10 @@ def optimal_placement(samples: int, theta_max_deg: float = 80.0) -> SlicePlaceme
 
 @dataclass(frozen=True)
 class SubspacePlacement:
-    """Axial and diagonal slices in one subspace of two elevations (thesis sections 5.1, 5.3).
+    """Axial and diagonal slices in one subspace of two polar angles (thesis sections 5.1, 5.3).
 
     Args:
-        theta_i, theta_v: the elevations in radians, in (0, 90°).
+        theta_i, theta_v: the polar angles in radians, in (0, 90°).
         azimuth_step: a_s in radians, a whole fraction 360°/a_n; 360° is one slice of each kind.
     """
 
@@ -222,7 +222,7 @@ class SubspacePlacement:
 
     @property
     def pair(self) -> tuple[int, int]:
-        """Numbers of the two elevations: different unless they are one elevation."""
+        """Numbers of the two polar angles: different unless they are one polar angle."""
         return (1, 1) if self.theta_i == self.theta_v else (1, 2)
 
     @property

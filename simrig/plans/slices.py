@@ -116,8 +116,8 @@ _DIRECTIONS = {
 
 def _subspace_slices(placement: SlicePlacement) -> list[_Slice]:
     """Return the circles of (0, theta) and the axial and diagonal slices."""
-    corners, theta = placement.corner_samples(), placement.elevations.tolist()
-    e_n, full = placement.elevation_count, 2.0 * np.pi
+    corners, theta = placement.corner_samples(), placement.thetas.tolist()
+    e_n, full = placement.theta_count, 2.0 * np.pi
     steps = np.arange(2 * placement.azimuth_count) * (0.5 * placement.azimuth_step)
     found = [
         _Slice(CIRCLE, PERIODIC, full, (0, v, 0, 0), (0, theta[v], 0, 0), steps, corners[0, v, 0])
@@ -135,8 +135,8 @@ def _pair_slices(
     """Return the axial and diagonal slices of one subspace away from the pole.
 
     Args:
-        pair: numbers of the two elevations; equal ones are one elevation.
-        theta: the elevations in radians.
+        pair: numbers of the two polar angles; equal ones are one polar angle.
+        theta: the polar angles in radians.
         corners: (a_n, 2·a_n) which sample lies at every intersection.
     """
     a_n, turn = corners.shape
@@ -160,10 +160,10 @@ def _pair_slices(
 
 def _horizontal_slices(placement: SlicePlacement) -> list[_Slice]:
     """Return the slices along theta_v; at theta_i = 0 only the azimuth of the view counts."""
-    corners, theta = placement.corner_samples(), placement.elevations
+    corners, theta = placement.corner_samples(), placement.thetas
     a_n, half = placement.azimuth_count, 0.5 * placement.azimuth_step
     found = []
-    for i in range(placement.elevation_count):
+    for i in range(placement.theta_count):
         for j in range(a_n if i else 1):
             for k in range(2 * a_n):
                 origin = (float(theta[i]), 0.0, (k - j) * half, (k + j) * half)

@@ -23,19 +23,19 @@ class UniformPlan:
     """A regular grid of directions, the same for illumination and view.
 
     Attributes:
-        elevations: number of elevations, from 0 to theta_max.
-        azimuths: number of azimuths of each elevation but 0.
-        theta_max: largest elevation, in radians.
+        thetas: number of polar angles, from 0 to theta_max.
+        azimuths: number of azimuths of each polar angle but 0.
+        theta_max: largest polar angle, in radians.
     """
 
-    elevations: int
+    thetas: int
     azimuths: int
     theta_max: float
 
     @property
     def directions(self) -> int:
         """D, the number of different directions."""
-        return 1 + (self.elevations - 1) * self.azimuths
+        return 1 + (self.thetas - 1) * self.azimuths
 
     @property
     def samples(self) -> int:
@@ -44,15 +44,15 @@ class UniformPlan:
 
     @property
     def theta_step(self) -> float:
-        """Step of the elevations, in radians."""
-        return self.theta_max / (self.elevations - 1)
+        """Step of the polar angles, in radians."""
+        return self.theta_max / (self.thetas - 1)
 
     def scheme(self) -> HemisphereScheme:
         """Return the directions, ring by ring from the normal outwards."""
         last = math.degrees(self.theta_max)
-        steps = range(1, self.elevations)
-        rings = (Ring(last * i / (self.elevations - 1), self.azimuths) for i in steps)
-        name = f"regular_{self.elevations}x{self.azimuths}"
+        steps = range(1, self.thetas)
+        rings = (Ring(last * i / (self.thetas - 1), self.azimuths) for i in steps)
+        name = f"regular_{self.thetas}x{self.azimuths}"
         return HemisphereScheme.from_rings(name, [Ring(0.0, 1), *rings])
 
     def describe(self) -> str:
@@ -67,14 +67,14 @@ def uniform_plan(samples: int, theta_max: float) -> UniformPlan:
     """Return a regular grid of at most ``samples`` samples, nearly all of them used.
 
     Of the grids that use 85 % of the samples or more (else: the most), the one whose neighbours
-    in elevation and in azimuth are most nearly equally far apart at half of theta_max.
+    in polar angle and in azimuth are most nearly equally far apart at half of theta_max.
 
     Args:
         samples: wished number of samples.
-        theta_max: largest elevation, in radians.
+        theta_max: largest polar angle, in radians.
 
     Raises:
-        SimrigError: fewer samples than the smallest grid (two elevations, three azimuths) has.
+        SimrigError: fewer samples than the smallest grid (two polar angles, three azimuths) has.
     """
     most = int((math.sqrt(8.0 * samples + 1.0) - 1.0) / 2.0)  # largest D
     plans = [

@@ -1,1 +1,1 @@
-"""Methods that turn a measurement into a reflectance."""
+"""Methods that turn a measurement into a BRDF."""

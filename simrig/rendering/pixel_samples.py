@@ -62,7 +62,7 @@ class ControlSamples:
         return to_angles(self.omega_v)[1]
 
     def picture(self, values: np.ndarray) -> np.ndarray:
-        """Return the picture that reflectance values make, black where nothing is lit.
+        """Return the picture that BRDF values make, black where nothing is lit.
 
         Args:
             values: (n, 3) f_r of the samples, in 1/sr.
@@ -100,7 +100,7 @@ def pixel_directions(scene: Any, light: int = 0) -> ControlSamples:
     if isinstance(scene, dict):
         scene = mi.load_dict(scene)
     emitter = _delta_light(scene, light)
-    si, width, height = look_through_centres(scene)
+    si, width, height = probe_centres(scene)
     ok = si.is_valid()
     sample, irradiance = emitter.sample_direction(si, mi.Point2f(0.5), ok)
     reached = ok & ~scene.ray_test(si.spawn_ray_to(sample.p), ok)
@@ -131,7 +131,7 @@ def _delta_light(scene: Any, light: int) -> Any:
     return emitters[light]
 
 
-def look_through_centres(scene: Any) -> tuple[Any, int, int]:
+def probe_centres(scene: Any) -> tuple[Any, int, int]:
     """Return the surface interactions of the rays through the pixel centres, row by row."""
     sensor = scene.sensors()[0]
     width, height = (int(n) for n in sensor.film().size())

@@ -54,22 +54,22 @@ UTIA_TIMING = _fit()
 class GantryTiming:
     """A gantry records whole slices as video, so time goes by slices and not by samples.
 
-    Cameras at several elevations record side by side, one light after the other.
+    Cameras at several polar angles record side by side, one light after the other.
 
     Attributes:
         slice_seconds: one recording, a full turn of the arms.
         change_seconds: between two recordings, on average (lights, gears, camera).
-        cameras: how many record at once; None is one at every elevation.
+        cameras: how many record at once; None is one at every polar angle.
     """
 
     slice_seconds: float
     change_seconds: float
     cameras: int | None = 1
 
-    def seconds(self, elevations: int, slices_per_subspace: int) -> float:
-        """Return the simulated duration of a measurement at all pairs of elevations, in seconds."""
-        cameras = min(self.cameras or elevations, elevations)
-        recordings = elevations * math.ceil(elevations / cameras) * slices_per_subspace
+    def seconds(self, thetas: int, slices_per_subspace: int) -> float:
+        """Return the simulated duration at all pairs of polar angles, in seconds."""
+        cameras = min(self.cameras or thetas, thetas)
+        recordings = thetas * math.ceil(thetas / cameras) * slices_per_subspace
         return recordings * (self.slice_seconds + self.change_seconds)
 
 

@@ -21,7 +21,7 @@ def largest_change(
     Args:
         values: (n, 3) f_r in 1/sr.
         deviation: (n, 3) by how much each may be off at most, >= 0.
-        theta_i: (n,) illumination elevations in radians.
+        theta_i: (n,) illumination polar angles in radians.
         tolerance: its metric is used: mean over the samples for ``dE``, sum of the absolute
             deviations over that of the values for ``relative``, root mean square of displayed
             values for ``psnr``.

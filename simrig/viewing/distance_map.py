@@ -19,7 +19,7 @@ import numpy as np
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.images import encode_srgb
 from simrig.plugins.make import building
-from simrig.rendering.pixel_samples import look_through_centres, shape_numbers
+from simrig.rendering.pixel_samples import probe_centres, shape_numbers
 from simrig.viewing.plots import finish_figure, new_figure
 
 MM = 1e-3  # metres in a unit of our scenes
@@ -127,7 +127,7 @@ def load_as_written(scene: Any) -> Any:
 
 def _first_hits(scene: Any) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Return distance in scene units and index of the shape at the centre of every pixel."""
-    seen, width, height = look_through_centres(scene)
+    seen, width, height = probe_centres(scene)
     sensor = scene.sensors()[0]
     # from the camera, not from the near plane where its rays begin
     eye = sensor.world_transform() @ mi.Point3f(0.0)

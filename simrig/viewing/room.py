@@ -20,7 +20,7 @@ from simrig.rendering.render import load, render
 from simrig.scenes.perspective import pixel_angle_deg
 from simrig.scenes.room import FOCAL_LENGTH_MM, ROOM_PARTS, picture_size, room
 from simrig.viewing.stimuli.materials import StimulusMaterial, stimulus_stack
-from simrig.viewing.structure.probe import btf_stimulus, element_of_preset, look
+from simrig.viewing.structure.probe import btf_stimulus, element_of_preset, probe
 
 _WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
@@ -151,7 +151,7 @@ def predicted_distances_mm(
         if progress is not None:
             progress(len(found), count, name)
         try:
-            seen = look(btf_stimulus(material.stack), element_of_preset(name))
+            seen = probe(btf_stimulus(material.stack), element_of_preset(name))
         except SimrigError as error:
             raise SimrigError(f"{error}; take the distances of the groups instead") from error
         found[id(material)] = 1000.0 * seen.distances_m[_PREDICTOR]

@@ -15,9 +15,9 @@ from scipy import stats
 
 from simrig.brdf.analytic import Kurt, KurtLobe, Lambert, Ward
 from simrig.brdf.kurt_materials import kurt_material
-from simrig.brdf.protocol import Reflectance, above_horizon
-from simrig.brdf.slices.slices import SliceReflectance
-from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.slices.slices import SliceBrdf
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.core.arrays import Array, components, vector, where_colour
 from simrig.directions import to_vector
@@ -29,7 +29,7 @@ from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 TABLE_SHAPE = (4, 4, 8, 8)  # theta_i, theta_v, phi_i, phi_v; 30° and 45° steps
 
 
-class OneWay(Reflectance):
+class OneWay(Brdf):
     """f_r = 0.2 + 0.1 x_i + 0.15 y_v: tells illumination from view, and x from y."""
 
     name = "one way"
@@ -52,16 +52,16 @@ def small_table(seed: int = 7) -> DenseTable:
     return DenseTable(values, np.radians(30.0), name="small table")
 
 
-def barycentric(seed: int = 7) -> BarycentricReflectance:
+def barycentric(seed: int = 7) -> BarycentricBrdf:
     """Return random values, not reciprocal, on the sparsest uniform scheme."""
     directions = scheme("uniform_1")
     rng = np.random.default_rng(seed)
     values = rng.uniform(0.02, 0.4, (len(directions), len(directions), 3)).astype(np.float32)
-    return BarycentricReflectance(directions.theta, directions.phi, values)
+    return BarycentricBrdf(directions.theta, directions.phi, values)
 
 
 @cache
-def slices(seed: int = 1) -> SliceReflectance:
+def slices(seed: int = 1) -> SliceBrdf:
     """Return a coarse reconstruction of a built-in material, for example number 1."""
     material = kurt_material(("yellow_satin", "fabric112", "wood01")[seed])
     placement = SlicePlacement.from_degrees(40.0, 90.0)
@@ -74,7 +74,7 @@ def narrow(m_x: float, m_y: float) -> Kurt:
     return Kurt(k_d=(0.05, 0.04, 0.03), lobes=(lobe,), name=f"narrow {m_x:g} {m_y:g}")
 
 
-REFLECTANCES: dict[str, Callable[[], Reflectance]] = {
+BRDFS: dict[str, Callable[[], Brdf]] = {
     "lambert": Lambert,
     "one_way": OneWay,
     "table": small_table,
@@ -89,9 +89,9 @@ REFLECTANCES: dict[str, Callable[[], Reflectance]] = {
 
 
 @pytest.fixture
-def reflectance() -> Callable[[str], Reflectance]:
+def brdf() -> Callable[[str], Brdf]:
     """Return the function that makes a test material by name."""
-    return lambda name: REFLECTANCES[name]()
+    return lambda name: BRDFS[name]()
 
 
 def direction(theta_deg: float, phi_deg: float = 0.0) -> tuple[float, float, float]:

@@ -43,8 +43,8 @@ def value_of(bsdf, tools, wi, wo, context=None) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_eval_is_the_reflectance_times_the_cosine(name, reflectance, tools, variant_llvm, rng):
-    material = reflectance(name)
+def test_eval_is_the_brdf_times_the_cosine(name, brdf, tools, variant_llvm, rng):
+    material = brdf(name)
     wi, wo = random_pairs(rng)
     expected = evaluate(material, wo, wi) * wo[:, 2:]  # Mitsuba's wi is the view here
     # float32: the exponent of narrow lobes loses what the half vector's slope divides by m;
@@ -63,11 +63,9 @@ def test_importance_mode_swaps_the_roles(tools, variant_llvm, rng):
     assert not np.allclose(actual, evaluate(material, wo, wi) * wo[:, 2:], rtol=0.05)
 
 
-def test_a_reciprocal_reflectance_is_reciprocal_through_the_plugin(
-    reflectance, tools, variant_llvm, rng
-):
+def test_a_reciprocal_brdf_is_reciprocal_through_the_plugin(brdf, tools, variant_llvm, rng):
     wi, wo = random_pairs(rng)
-    bsdf = make_bsdf(reflectance("fabric112"), rotation_deg=33.0)
+    bsdf = make_bsdf(brdf("fabric112"), rotation_deg=33.0)
     forward = value_of(bsdf, tools, wi, wo) / wo[:, 2:]
     backward = value_of(bsdf, tools, wo, wi) / wi[:, 2:]
     assert forward == pytest.approx(backward, rel=1e-4)
@@ -75,8 +73,8 @@ def test_a_reciprocal_reflectance_is_reciprocal_through_the_plugin(
 
 @pytest.mark.parametrize("mode", [mi.TransportMode.Radiance, mi.TransportMode.Importance])
 @pytest.mark.parametrize("name", ["one_way", "table", "slices", "brushed_aluminium"])
-def test_the_methods_agree(name, mode, reflectance, tools, variant_llvm, rng):
-    bsdf = make_bsdf(reflectance(name), rotation_deg=70.0)
+def test_the_methods_agree(name, mode, brdf, tools, variant_llvm, rng):
+    bsdf = make_bsdf(brdf(name), rotation_deg=70.0)
     context = mi.BSDFContext(mode)
     wi, _ = random_pairs(rng, 2000)
     si = tools.interaction(wi)
@@ -109,9 +107,9 @@ def test_turning_the_material_is_turning_the_directions_back(
     assert not np.allclose(turned, value_of(make_bsdf(material), tools, wi, wo), rtol=0.02)
 
 
-def test_the_back_is_black_and_twosided_lights_it(reflectance, tools, variant_llvm, rng):
+def test_the_back_is_black_and_twosided_lights_it(brdf, tools, variant_llvm, rng):
     wi, wo = random_pairs(rng)
-    bsdf = make_bsdf(reflectance("ward"))
+    bsdf = make_bsdf(brdf("ward"))
     both = mi.load_dict({"type": "twosided", "material": bsdf})
     front = value_of(bsdf, tools, wi, wo)
     down = np.array([1.0, 1.0, -1.0])
@@ -124,8 +122,8 @@ def test_the_back_is_black_and_twosided_lights_it(reflectance, tools, variant_ll
     assert not weight.numpy().any() and not bs.pdf.numpy().any()
 
 
-def test_flags_and_context(reflectance, tools, variant_llvm, rng):
-    bsdf = make_bsdf(reflectance("ward"))
+def test_flags_and_context(brdf, tools, variant_llvm, rng):
+    bsdf = make_bsdf(brdf("ward"))
     for flag in ("GlossyReflection", "DiffuseReflection", "Anisotropic", "FrontSide"):
         assert mi.has_flag(bsdf.flags(), getattr(mi.BSDFFlags, flag))
     assert not mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide)
@@ -155,8 +153,8 @@ def test_flags_and_context(reflectance, tools, variant_llvm, rng):
 @pytest.mark.parametrize(
     "name", ["table", "slices", "ward", "brushed_aluminium", "fabric112", "narrow"]
 )
-def test_the_hard_cases_stay_finite(name, case, reflectance, tools, variant_llvm, rng):
-    bsdf = make_bsdf(reflectance(name), rotation_deg=15.0)
+def test_the_hard_cases_stay_finite(name, case, brdf, tools, variant_llvm, rng):
+    bsdf = make_bsdf(brdf(name), rotation_deg=15.0)
     pairs = hard_case(case)
     si = tools.interaction(pairs.wv)
     value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, mi.Vector3f(pairs.wi.T.copy()))
@@ -167,8 +165,8 @@ def test_the_hard_cases_stay_finite(name, case, reflectance, tools, variant_llvm
         assert result is bs.wo or result.numpy().min() >= 0.0
 
 
-def test_a_direction_that_is_not_a_number_is_black(reflectance, tools, variant_llvm):
-    bsdf = make_bsdf(reflectance("table"))
+def test_a_direction_that_is_not_a_number_is_black(brdf, tools, variant_llvm):
+    bsdf = make_bsdf(brdf("table"))
     wi = np.array([[np.nan, np.nan, np.nan], [0.0, 0.0, 1.0]])
     value, pdf = bsdf.eval_pdf(mi.BSDFContext(), tools.interaction(wi), mi.Vector3f(0, 0, 1))
     _, weight = bsdf.sample(
@@ -180,8 +178,8 @@ def test_a_direction_that_is_not_a_number_is_black(reflectance, tools, variant_l
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_scalar_variant_agrees(name, reflectance, tools, rng):
-    material = reflectance(name)
+def test_the_scalar_variant_agrees(name, brdf, tools, rng):
+    material = brdf(name)
     wi, wo = random_pairs(rng, 12)
     u = rng.uniform(size=(12, 3))
     backend.select("llvm_ad_rgb")
@@ -214,8 +212,8 @@ def test_no_name_shadows_a_plugin_of_mitsuba():
     assert all(name.startswith("simrig_") for name in PLUGINS)
 
 
-def test_it_says_what_it_is(reflectance, variant_llvm):
-    text = str(make_bsdf(reflectance("table"), 30.0))
+def test_it_says_what_it_is(brdf, variant_llvm):
+    text = str(make_bsdf(brdf("table"), 30.0))
     for part in ("DenseTable", "small table", "values[4, 4, 8, 8, 3]", "rotation = 30"):
         assert part in text
 

@@ -20,7 +20,7 @@ from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.files.btf.hdf5 import read_btf, write_btf
-from simrig.files.hdf5 import write_reflectance
+from simrig.files.hdf5 import write_brdf
 from simrig.plugins import make_bsdf, make_btf, one_line_errors
 from simrig.plugins.footprint import pixel_angle_deg
 
@@ -203,7 +203,7 @@ def test_less_alias_with_distance(btf, variant_llvm) -> None:
         ({"pixel_angle": -1.0}, "'pixel_angle' must be in"),
         ({"missing": "ignore"}, "known: fill, refuse"),
         ({"budget": 1e-3}, "MiB as a full stack"),
-        ({"probes": 0}, "probes must be"),
+        ({"anisotropy": 0}, "anisotropy must be"),
         ({"filename": "nowhere.h5"}, "there is no file 'nowhere.h5'"),
     ],
 )
@@ -228,7 +228,7 @@ def test_the_factored_form_renders_from_a_stack_and_from_its_own_file(
     stored, tools, rng, tmp_path, variant_llvm
 ) -> None:
     factors = FactoredBtf.from_stack(read_btf(stored), tolerance=0.1)
-    write_reflectance(tmp_path / "factors.h5", factors)
+    write_brdf(tmp_path / "factors.h5", factors)
     wv, wi = pairs(rng, 200)
     uv = rng.uniform(-2.0, 2.0, (200, 2))
     wo = mi.Vector3f(np.ascontiguousarray(wi.T))
@@ -245,7 +245,7 @@ def test_the_factored_form_renders_from_a_stack_and_from_its_own_file(
 
 
 def test_a_brdf_is_no_btf(tools, tmp_path, variant_llvm) -> None:
-    write_reflectance(tmp_path / "table.h5", tools.small_table())
+    write_brdf(tmp_path / "table.h5", tools.small_table())
     properties = {"type": "simrig_btf", "filename": str(tmp_path / "table.h5"), "scale": 1.0}
     with pytest.raises(SimrigError, match="holds a BRDF: use simrig_table"), one_line_errors():
         mi.load_dict(properties)

@@ -15,18 +15,16 @@ OFF_POLE_DEG = ((20.0, 200.0), (60.0, 45.0), (85.0, 110.0))
 
 @pytest.mark.parametrize("view_deg", VIEWS_DEG)
 @pytest.mark.parametrize("name", ["lambert", "table", "barycentric", "slices", "ward", "fabric112"])
-def test_samples_follow_the_density(name, view_deg, reflectance, tools, variant_llvm):
-    bsdf = make_bsdf(reflectance(name), rotation_deg=20.0)
+def test_samples_follow_the_density(name, view_deg, brdf, tools, variant_llvm):
+    bsdf = make_bsdf(brdf(name), rotation_deg=20.0)
     test, accepted = tools.chi_square(bsdf, tools.direction(*view_deg))
     assert accepted, test.messages
 
 
 @pytest.mark.parametrize("view_deg", OFF_POLE_DEG)
 @pytest.mark.parametrize("name", ["brushed_aluminium", "narrow", "narrow_anisotropic"])
-def test_samples_of_narrow_lobes_follow_the_density(
-    name, view_deg, reflectance, tools, variant_llvm
-):
-    bsdf = make_bsdf(reflectance(name), rotation_deg=20.0)
+def test_samples_of_narrow_lobes_follow_the_density(name, view_deg, brdf, tools, variant_llvm):
+    bsdf = make_bsdf(brdf(name), rotation_deg=20.0)
     test, accepted = tools.chi_square(bsdf, tools.direction(*view_deg), res=200, ires=32)
     assert accepted, test.messages
 
@@ -42,10 +40,10 @@ def test_samples_of_the_built_in_materials_follow_the_density(name, theta_deg, t
         assert accepted, test.messages
 
 
-def test_a_wrong_density_is_rejected(reflectance, tools, variant_llvm):
+def test_a_wrong_density_is_rejected(brdf, tools, variant_llvm):
     """The test of the test: the lobes weigh 5 % less in the density than in the samples."""
-    right = make_bsdf(reflectance("ward"))
-    wrong = make_bsdf(reflectance("ward"))
+    right = make_bsdf(brdf("ward"))
+    wrong = make_bsdf(brdf("ward"))
     for lobe in wrong.mixture.lobes:
         object.__setattr__(lobe, "weight_normal", lobe.weight_normal * 0.95)
     right.pdf = wrong.pdf
@@ -53,8 +51,8 @@ def test_a_wrong_density_is_rejected(reflectance, tools, variant_llvm):
     assert not accepted
 
 
-def test_the_density_integrates_to_one_at_most(reflectance, tools, variant_llvm):
-    bsdf = make_bsdf(reflectance("brushed_aluminium"))
+def test_the_density_integrates_to_one_at_most(brdf, tools, variant_llvm):
+    bsdf = make_bsdf(brdf("brushed_aluminium"))
     test, _ = tools.chi_square(bsdf, tools.direction(70.0, 30.0), res=200, ires=32)
     # what is missing are the samples below the horizon, which bounded lobes make rare
     assert 0.9 < float(np.ravel(test.pdf_sum)[0]) <= 1.001

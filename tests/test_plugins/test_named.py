@@ -30,14 +30,14 @@ XML = """<scene version="3.0.0">
 
 def check_xml_scene(scene: Any) -> None:
     kurt, ward = (shape.bsdf() for shape in scene.shapes())
-    assert kurt.reflectance.k_d == pytest.approx((0.05, 0.02, 0.01))
-    first, second = kurt.reflectance.lobes
+    assert kurt.brdf.k_d == pytest.approx((0.05, 0.02, 0.01))
+    first, second = kurt.brdf.lobes
     assert first.k_s == pytest.approx((0.1, 0.2, 0.3))
     assert (first.f_0, first.m_x, first.m_y, first.alpha) == pytest.approx((0.4, 0.3, 0.1, 0.5))
     assert second.k_s == pytest.approx((0.02, 0.02, 0.02))
     assert (second.f_0, second.m_x, second.m_y, second.alpha) == pytest.approx((1.0, 0.7, 0.2, 0.0))
     assert np.ravel(kurt.rotation)[0] == pytest.approx(35.0)
-    assert ward.reflectance.variant == "duer"
+    assert ward.brdf.variant == "duer"
 
 
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral", "scalar_rgb"])
@@ -53,8 +53,8 @@ def test_xml_scenes(variant, tmp_path):
 @pytest.mark.parametrize("name", KURT_MATERIALS + RESCALED_MATERIALS)
 def test_built_in_materials_by_name(name, variant_llvm):
     bsdf = mi.load_dict({"type": "simrig_kurt", "material": name})
-    assert bsdf.reflectance.name == name
-    assert {k: v.tolist() for k, v in bsdf.reflectance.data().items()} == {
+    assert bsdf.brdf.name == name
+    assert {k: v.tolist() for k, v in bsdf.brdf.data().items()} == {
         k: v.tolist() for k, v in kurt_material(name).data().items()
     }
 
@@ -62,9 +62,9 @@ def test_built_in_materials_by_name(name, variant_llvm):
 def test_every_way_to_write_a_colour(variant_llvm):
     for value in ([0.3, 0.2, 0.1], {"type": "rgb", "value": [0.3, 0.2, 0.1]}):
         bsdf = mi.load_dict({"type": "simrig_ward", "k_s": value})
-        assert bsdf.reflectance.k_s == pytest.approx([0.3, 0.2, 0.1])
+        assert bsdf.brdf.k_s == pytest.approx([0.3, 0.2, 0.1])
     bsdf = mi.load_dict({"type": "simrig_ward", "k_s": 0.25})
-    assert bsdf.reflectance.k_s == pytest.approx([0.25, 0.25, 0.25])
+    assert bsdf.brdf.k_s == pytest.approx([0.25, 0.25, 0.25])
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_bad_properties_give_one_line(properties, expected, variant_llvm):
 def test_a_table_is_not_slices(tools, variant_llvm, tmp_path):
     path = tmp_path / "table.h5"
     save_material(path, tools.small_table())
-    assert mi.load_dict({"type": "simrig_table", "filename": str(path)}).reflectance.kind == "dense"
+    assert mi.load_dict({"type": "simrig_table", "filename": str(path)}).brdf.kind == "dense"
     with (
         pytest.raises(SimrigError, match="holds dense, not slices: use simrig_table"),
         one_line_errors(),
@@ -108,7 +108,7 @@ def test_files_are_found_beside_the_scene(tools, variant_llvm, tmp_path):
         '<string name="filename" value="slices.h5"/></bsdf></shape></scene>'
     )
     (shape,) = mi.load_file(str(scene)).shapes()
-    expected, loaded = tools.slices().data(), shape.bsdf().reflectance.data()
+    expected, loaded = tools.slices().data(), shape.bsdf().brdf.data()
     assert loaded.keys() == expected.keys()
     assert all(np.array_equal(loaded[key], expected[key]) for key in expected)
 
@@ -129,7 +129,7 @@ def test_measured_files(name, shared_data, tools, variant_llvm, rng):
         mi.BSDFContext(), tools.interaction(wi), mi.Float(u[0]), mi.Point2f(u[1], u[2])
     )
     weight = weight.numpy().astype(np.float64)
-    expected = directional_albedo(bsdf.reflectance, np.radians(30.0), np.radians(10.0), 96, 192)
+    expected = directional_albedo(bsdf.brdf, np.radians(30.0), np.radians(10.0), 96, 192)
     error = weight.std(axis=1) / np.sqrt(2000)
     assert np.all(np.abs(weight.mean(axis=1) - expected) < 4.0 * error + 0.01 * expected)
     grey = weight.mean(axis=0)  # one channel may be black where the others are not
@@ -141,8 +141,8 @@ def test_an_unknown_property_is_refused_by_mitsuba(variant_llvm):
         mi.load_dict({"type": "simrig_ward", "roughness": 0.2})
 
 
-def test_a_reflectance_in_memory_is_a_value_in_a_scene(reflectance, variant_llvm):
-    bsdf = make_bsdf(reflectance("table"), rotation_deg=12.0)
+def test_a_brdf_in_memory_is_a_value_in_a_scene(brdf, variant_llvm):
+    bsdf = make_bsdf(brdf("table"), rotation_deg=12.0)
     scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere", "material": bsdf}})
     assert scene.shapes()[0].bsdf() is bsdf
 

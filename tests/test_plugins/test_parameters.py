@@ -45,7 +45,7 @@ def assign(params: Any, prefix: str, data: dict[str, np.ndarray]) -> None:
 
 
 def materials(kind: str, tools: Any) -> tuple[Any, Any]:
-    """Return two reflectances of the same structure."""
+    """Return two BRDFs of the same structure."""
     if kind == "kurt":
         return kurt_material("purple_satin"), kurt_material("brushed_aluminium")
     if kind == "table":
@@ -91,7 +91,7 @@ def test_a_number_written_in_python_compiles_nothing(variant_llvm):
         assert all(k["cache_hit"] for k in dr.kernel_history([dr.KernelType.JIT]))
 
 
-def test_a_swap_leaves_the_reflectance_and_other_materials_alone(tools, variant_llvm):
+def test_a_swap_leaves_the_brdf_and_other_materials_alone(tools, variant_llvm):
     table = tools.small_table()
     one, other = make_bsdf(table), make_bsdf(table)
     kept = picture(lit_sphere(other))

@@ -59,8 +59,8 @@ def test_a_white_furnace_stays_white(variant_llvm):
 
 @pytest.mark.parametrize("theta_deg", [0.0, 40.0, 75.0])
 @pytest.mark.parametrize("name", ["lambert", "table", "slices", "ward", "brushed_aluminium"])
-def test_the_samples_carry_the_albedo(name, theta_deg, reflectance, tools, variant_llvm, rng):
-    material = reflectance(name)
+def test_the_samples_carry_the_albedo(name, theta_deg, brdf, tools, variant_llvm, rng):
+    material = brdf(name)
     count = 200_000
     wi = np.broadcast_to(tools.direction(theta_deg, 25.0), (count, 3))
     u = rng.uniform(size=(3, count))
@@ -76,8 +76,8 @@ def test_the_samples_carry_the_albedo(name, theta_deg, reflectance, tools, varia
 
 
 @pytest.mark.parametrize("name", ["table", "slices", "ward", "brushed_aluminium"])
-def test_emitter_bsdf_and_combined_sampling_agree(name, reflectance, tools, variant_llvm):
-    bsdf = make_bsdf(reflectance(name), rotation_deg=30.0)
+def test_emitter_bsdf_and_combined_sampling_agree(name, brdf, tools, variant_llvm):
+    bsdf = make_bsdf(brdf(name), rotation_deg=30.0)
     seeds, spp = 16, 2048  # with few samples the noise is too far from normal
     strategies = {"emitter": (1, 0), "bsdf": (0, 1), "both": (1, 1)}
     results = {}
@@ -92,17 +92,17 @@ def test_emitter_bsdf_and_combined_sampling_agree(name, reflectance, tools, vari
     assert tools.z_test(results["emitter"], results["both"] + shift) < 1e-3
 
 
-def test_it_works_behind_a_twosided(reflectance, variant_llvm):
-    bsdf = mi.load_dict({"type": "twosided", "inner": make_bsdf(reflectance("ward"))})
+def test_it_works_behind_a_twosided(brdf, variant_llvm):
+    bsdf = mi.load_dict({"type": "twosided", "inner": make_bsdf(brdf("ward"))})
     light = {"type": "constant"}
     picture = renders(sphere_scene(bsdf, light, {"type": "path", "max_depth": 3}), range(1), 16)
-    plain = make_bsdf(reflectance("ward"))
+    plain = make_bsdf(brdf("ward"))
     expected = renders(sphere_scene(plain, light, {"type": "path", "max_depth": 3}), range(1), 16)
     assert picture == pytest.approx(expected, rel=1e-3)
 
 
 def test_light_tracing_agrees_with_path_tracing(tools, variant_llvm):
-    """Importance mode end to end, with a reflectance that is not reciprocal."""
+    """Importance mode end to end, with a BRDF that is not reciprocal."""
     bsdf = make_bsdf(tools.OneWay())
     light = {"type": "point", "position": [3.0, -4.0, 2.0], "intensity": 30.0}
     forward = sphere_scene(bsdf, light, {"type": "path", "max_depth": 2})

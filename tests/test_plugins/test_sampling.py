@@ -8,16 +8,16 @@ import pytest
 
 from simrig.brdf.analytic import Lambert, Ward
 from simrig.brdf.kurt_materials import KURT_MATERIALS, kurt_material
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.directions import to_vector
 from simrig.plugins.importance_sampling import fit_mixture, fitted, quadrature
 from simrig.plugins.lobes import Lobe, lobe_pdf, mixture_pdf, sample_mixture
 
 
-class Turned(Reflectance):
-    """A reflectance turned about the normal by an angle in radians."""
+class Turned(Brdf):
+    """A BRDF turned about the normal by an angle in radians."""
 
-    def __init__(self, inner: Reflectance, angle: float):
+    def __init__(self, inner: Brdf, angle: float):
         self.inner, self.angle, self.name = inner, angle, f"turned {inner.name}"
 
     def data(self):
@@ -29,10 +29,10 @@ class Turned(Reflectance):
         return self.inner.eval(wi @ turn, wv @ turn, data)
 
 
-def relative_second_moment(reflectance: Reflectance, mixture) -> np.ndarray:
+def relative_second_moment(brdf: Brdf, mixture) -> np.ndarray:
     """Return ∫ g²/p / (∫ g)² for each view of the fit's quadrature; 1 is a perfect density."""
     q = quadrature()
-    g = reflectance.eval(q.light, q.view).mean(axis=-1) * q.light[..., 2]
+    g = brdf.eval(q.light, q.view).mean(axis=-1) * q.light[..., 2]
     pdf = mixture_pdf(mixture, q.view, q.light)
     return np.sum(g * g / pdf * q.solid_angle, axis=1) / np.sum(g * q.solid_angle, axis=1) ** 2
 

@@ -22,7 +22,7 @@ from simrig.core.errors import SimrigError
 from simrig.directions.schemes import scheme
 from simrig.evaluation.benchmarks.timing import text_table
 from simrig.mesostructure import build_tile
-from simrig.rigs.btf.bounces import plan_orders
+from simrig.rigs.btf.bounces import plan_bounces
 from simrig.rigs.btf.camera import TileCamera
 from simrig.rigs.btf.rig import btf_angles, stack_bytes
 
@@ -58,14 +58,14 @@ def run(
     tile, listed = build_tile(preset), scheme(directions)
     shape, towards = (resolution, resolution), listed.vectors()
     steepest = float(np.degrees(listed.theta.max()))
-    plan = plan_orders(
+    plan = plan_bounces(
         tile,
         btf_angles(listed),
         parse_tolerance(DEFAULT_TOLERANCE),
         resolution=shape,
         spp=spp,
     )
-    auto = int(plan.settings["orders"])
+    auto = int(plan.settings["bounces"])
     ways: list[tuple[str, int, int, bool]] = [
         ("every shadow ray, 1 order", 1, spp, False),
         ("grid of shadows, 1 order", 1, spp, True),
@@ -74,14 +74,14 @@ def run(
     ways += [(f"grid of shadows, {n} spp", 1, n, True) for n in _NOISE_SPP if n != spp]
     chosen = np.round(np.linspace(0, len(listed) - 1, views)).astype(int)
     rows = []
-    for done, (name, orders, samples, grid) in enumerate(ways):
+    for done, (name, bounces, samples, grid) in enumerate(ways):
         if progress is not None:
             progress(done, len(ways), name)
         elapsed = stopwatch()
         camera = TileCamera(tile, towards, steepest, shape, samples, views=len(listed), grid=grid)
         built = elapsed()
-        rows.append({"way": name, "orders": orders, "spp": samples, "built_seconds": built})
-        rows[-1] |= _views(camera, towards, orders, chosen)
+        rows.append({"way": name, "bounces": bounces, "spp": samples, "built_seconds": built})
+        rows[-1] |= _views(camera, towards, bounces, chosen)
     if progress is not None:
         progress(len(ways), len(ways))
     return {
@@ -101,15 +101,15 @@ def run(
 
 
 def _views(
-    camera: TileCamera, towards: np.ndarray, orders: int, chosen: np.ndarray
+    camera: TileCamera, towards: np.ndarray, bounces: int, chosen: np.ndarray
 ) -> dict[str, Any]:
     """Return medians over the chosen views, the first of which is rendered once more before."""
     numbers = np.arange(len(towards))
-    camera.view(towards[chosen[0]], numbers, orders, 0)
+    camera.view(towards[chosen[0]], numbers, bounces, 0)
     seconds, cpu, noise = [], [], []
     for view in chosen.tolist():
         elapsed, start_cpu = stopwatch(), time.process_time()
-        images = camera.view(towards[view], numbers, orders, view)
+        images = camera.view(towards[view], numbers, bounces, view)
         seconds.append(elapsed())
         cpu.append(time.process_time() - start_cpu)
         mean = images.values.sum(axis=0).mean(axis=(1, 2, 3))

@@ -23,7 +23,7 @@ import numpy as np
 from simrig.btf.factored import FactoredBtf
 from simrig.btf.full import FullBtf
 from simrig.btf.mipmap import Footprint
-from simrig.btf.spatial import SpatialReflectance
+from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
 from simrig.core import backend
@@ -49,7 +49,7 @@ from simrig.rendering.render import display_exposure
 from simrig.rigs.btf.rig import btf_angles, measure_btf
 
 MATERIAL = "leather_tan"
-ORDERS = 2  # of reflection within the structure, measured and path-traced
+BOUNCES = 2  # of reflection within the structure, measured and path-traced
 TOLERANCES = (0.3, 0.1)
 SCENES = ("cylinder", "patch", "room", "large")
 _PERIODS = 15  # of the synthetic tile, around the cylinder
@@ -93,11 +93,11 @@ def run(
     variant = backend.select(variant)
     tile = build_tile(MATERIAL, resolution=tile_steps)
     angles = btf_angles(scheme(directions))
-    stack = measure_btf(tile, angles, texels, texel_spp, orders=ORDERS)
+    stack = measure_btf(tile, angles, texels, texel_spp, bounces=BOUNCES)
     measured, forms = _forms(stack)
     contests: dict[str, Callable[[], Contest]] = {
         "cylinder": lambda: cylinder(forms, stack, resolution, spp, "cylinder"),
-        "patch": lambda: patch(forms, stack, tile, resolution, spp, ORDERS),
+        "patch": lambda: patch(forms, stack, tile, resolution, spp, BOUNCES),
         "room": lambda: chairs(_few(forms), stack, 2 * resolution, max(1, spp // 4)),
         "large": lambda: _large(large, directions, resolution, spp),
     }
@@ -130,7 +130,7 @@ def gantry_images(full: FullBtf, plan: GantryPlan) -> BtfStack:
         full: the BTF.
         plan: where the gantry measures.
     """
-    height, width = full.pyramid.shapes[0]
+    height, width = full.mipmap.shapes[0]
     angles = plan.angles()
     x = (np.arange(width) + 0.5) / width * full.size_mm[0]
     y = full.size_mm[1] - (np.arange(height) + 0.5) / height * full.size_mm[1]
@@ -143,13 +143,13 @@ def gantry_images(full: FullBtf, plan: GantryPlan) -> BtfStack:
     return BtfStack(values.astype(np.float16), angles, full.size_mm, full.name)
 
 
-def _factored(stack: BtfStack) -> dict[str, SpatialReflectance]:
+def _factored(stack: BtfStack) -> dict[str, SpatialBrdf]:
     """Return factors at each tolerance."""
     found = (FactoredBtf.from_stack(stack, tolerance=tolerance) for tolerance in TOLERANCES)
     return {f"{form.components} factors": form for form in found}
 
 
-def _forms(stack: BtfStack) -> tuple[BtfStack, dict[str, SpatialReflectance]]:
+def _forms(stack: BtfStack) -> tuple[BtfStack, dict[str, SpatialBrdf]]:
     """Return the images of the gantry's slices, and all forms."""
     full = FullBtf.from_stack(stack)
     measured = gantry_images(full, GantryPlan())
@@ -167,7 +167,7 @@ def _large(texels: int, directions: str, resolution: int, spp: int) -> Contest:
     return cylinder(forms, stack, resolution, spp, f"cylinder, {texels}² texels")
 
 
-def _few(forms: dict[str, SpatialReflectance]) -> dict[str, SpatialReflectance]:
+def _few(forms: dict[str, SpatialBrdf]) -> dict[str, SpatialBrdf]:
     """Return the first two forms: fourteen tables of each, traced fourteen times, take long."""
     return dict(list(forms.items())[:2])
 

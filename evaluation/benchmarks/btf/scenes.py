@@ -18,7 +18,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from simrig.btf.spatial import SpatialReflectance
+from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.mesostructure.tile import Tile
 from simrig.plugins import make_btf
@@ -67,7 +67,7 @@ class Contest:
 
 
 def cylinder(
-    forms: Mapping[str, SpatialReflectance], stack: BtfStack, resolution: int, spp: int, name: str
+    forms: Mapping[str, SpatialBrdf], stack: BtfStack, resolution: int, spp: int, name: str
 ) -> Contest:
     """Return the cylinder with each form, with points of the full one, and with a bitmap."""
     pixel = {"pixel_width": _pixel_mm(resolution)}
@@ -88,12 +88,12 @@ def cylinder(
 
 
 def patch(
-    forms: Mapping[str, SpatialReflectance],
+    forms: Mapping[str, SpatialBrdf],
     stack: BtfStack,
     tile: Tile,
     resolution: int,
     spp: int,
-    orders: int,
+    bounces: int,
 ) -> Contest:
     """Return the structure itself, and a flat patch with each form and with a bitmap."""
     sight = Sight(_SIGHT_DEG, pixels=resolution)
@@ -106,13 +106,11 @@ def patch(
     sizes = {form: btf.device_bytes for form, btf in forms.items()}
     sizes[STRUCTURE] = sum(part.vertices.nbytes + part.faces.nbytes for part in tile.parts)
     sizes[BUILT_IN] = _bitmap_bytes(stack)
-    integrators = {"direct": _path(2), "path": _path(orders + 1)}
+    integrators = {"direct": _path(2), "path": _path(bounces + 1)}
     return Contest("patch", loaders, integrators, STRUCTURE, spp, sizes, camera=sensor(tile, sight))
 
 
-def chairs(
-    forms: Mapping[str, SpatialReflectance], stack: BtfStack, resolution: int, spp: int
-) -> Contest:
+def chairs(forms: Mapping[str, SpatialBrdf], stack: BtfStack, resolution: int, spp: int) -> Contest:
     """Return the room with each form, with the BRDF, switched, and with bitmaps."""
     angle = pixel_angle_deg(picture_size(resolution)[1], FOCAL_LENGTH_MM) / float(np.sqrt(spp))
     own = {form: {part: deepcopy(btf) for part in ROOM_PARTS} for form, btf in forms.items()}
@@ -131,7 +129,7 @@ def chairs(
     makers: dict[str, Callable[[str], Any]] = {
         BUILT_IN: lambda part: principled(stack, {"scale": 1.0, "scale_v": 1.0}),
         **{form: partial(btf, form) for form in forms},
-        BRDF: lambda part: make_btf(brdfs[part], scale=1.0),
+        brdf: lambda part: make_btf(brdfs[part], scale=1.0),
         SWITCHED: switched,
     }
 

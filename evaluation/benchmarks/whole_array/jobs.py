@@ -11,11 +11,11 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator, RBFInterpolator, RegularGridInterpolator
 
 from simrig.brdf import evaluate
-from simrig.brdf.protocol import Reflectance
-from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.grid import dense_grid
-from simrig.brdf.tables.rbf import RbfReflectance
+from simrig.brdf.tables.rbf import RbfBrdf
 from simrig.core import backend
 from simrig.directions import to_onion, to_vector
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
@@ -52,13 +52,13 @@ def directions(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _indices(count: int) -> np.ndarray:
-    """Return elevations and azimuths of both sides, (2, 2, count)."""
+    """Return polar angles and azimuths of both sides, (2, 2, count)."""
     rng = np.random.default_rng(0)
     theta, phi = rng.integers(0, 41, (2, count)), rng.integers(0, 180, (2, count))
     return np.stack([theta, phi], axis=1)
 
 
-def slice_jobs(measurement: SliceMeasurement, improved: Reflectance, part: int) -> list[Job]:
+def slice_jobs(measurement: SliceMeasurement, along: Brdf, part: int) -> list[Job]:
     """Return the jobs of slices: ours, the same look-up in NumPy, and along highlights."""
     slices, kind = reconstruct(measurement), backend.types("float32").Float
     (theta_i, phi_i), (theta_v, phi_v) = np.radians(STEP_DEG) * _indices(part)
@@ -73,7 +73,7 @@ def slice_jobs(measurement: SliceMeasurement, improved: Reflectance, part: int) 
     return [
         Job("slices", "simrig, with its tables", ours),
         Job("slices", "NumPy", host, part),
-        Job("improved", "simrig, look-ups", lambda: evaluate(improved, wi, wv, kind), part),
+        Job("along-highlights", "simrig, look-ups", lambda: evaluate(along, wi, wv, kind), part),
     ]
 
 
@@ -102,18 +102,18 @@ def _padded(values: np.ndarray, theta_step: float) -> tuple[tuple, np.ndarray]:
 
 def barycentric_jobs(measurement: DirectionsMeasurement) -> list[Job]:
     """Return the jobs of barycentric interpolation, ours and SciPy's."""
-    reflectance = reconstruct_barycentric(measurement)
+    brdf = reconstruct_barycentric(measurement)
 
     def ours() -> np.ndarray:
         return reconstruct_barycentric(measurement).to_dense(STEP_DEG)
 
     return [
         Job("barycentric", "simrig, with its triangles", ours),
-        Job("barycentric", "SciPy", lambda: _scipy_barycentric(reflectance), 180 * 41 * 180),
+        Job("barycentric", "SciPy", lambda: _scipy_barycentric(brdf), 180 * 41 * 180),
     ]
 
 
-def _scipy_barycentric(reflectance: BarycentricReflectance) -> np.ndarray:
+def _scipy_barycentric(brdf: BarycentricBrdf) -> np.ndarray:
     """Fill one ring of the array with SciPy, one side after the other, in the plane z = -1.
 
     The stereographic plane has no horizon at infinity; SciPy gives NaN beyond the outermost nodes.
@@ -124,12 +124,12 @@ def _scipy_barycentric(reflectance: BarycentricReflectance) -> np.ndarray:
 
     theta, phi = np.radians(2.0) * np.arange(41), np.radians(2.0) * np.arange(180)
     every = plane(to_vector(theta[:, None], phi).reshape(-1, 3))
-    nodes = plane(to_vector(reflectance.theta, reflectance.phi))
-    by_light = LinearNDInterpolator(nodes, reflectance.values)(every[20 * 180 : 21 * 180])
+    nodes = plane(to_vector(brdf.theta, brdf.phi))
+    by_light = LinearNDInterpolator(nodes, brdf.values)(every[20 * 180 : 21 * 180])
     return LinearNDInterpolator(nodes, by_light.swapaxes(0, 1))(every)
 
 
-def global_jobs(reflectance: RbfReflectance, scipy: RBFInterpolator, part: int) -> list[Job]:
+def global_jobs(brdf: RbfBrdf, scipy: RBFInterpolator, part: int) -> list[Job]:
     """Return the jobs of one spline through all samples; a hundredth of the part for the host."""
     kind = backend.types("float32").Float
     wi, wv = directions(part // 10)
@@ -138,10 +138,10 @@ def global_jobs(reflectance: RbfReflectance, scipy: RBFInterpolator, part: int) 
     few, of = len(few_i), RECIPROCAL_PAIRS
 
     def ours() -> np.ndarray:
-        return evaluate(reflectance, wi, wv, kind)
+        return evaluate(brdf, wi, wv, kind)
 
     def host() -> np.ndarray:
-        return evaluate(reflectance, few_i, few_v)
+        return evaluate(brdf, few_i, few_v)
 
     return [
         Job("rbf_global", "simrig", ours, len(wi), of),
@@ -150,11 +150,11 @@ def global_jobs(reflectance: RbfReflectance, scipy: RBFInterpolator, part: int) 
     ]
 
 
-def local_jobs(reflectance: RbfReflectance, part: int) -> list[Job]:
+def local_jobs(brdf: RbfBrdf, part: int) -> list[Job]:
     """Return the job of local splines, which are SciPy's own."""
     wi, wv = directions(part // 50)
 
     def host() -> np.ndarray:
-        return evaluate(reflectance, wi, wv)
+        return evaluate(brdf, wi, wv)
 
     return [Job("rbf_local", "SciPy", host, len(wi), RECIPROCAL_PAIRS)]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from simrig.brdf import kurt_material
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
 from simrig.evaluation.benchmarks.timing import side_by_side, text_table
 from simrig.evaluation.benchmarks.whole_array.jobs import (
@@ -70,27 +70,27 @@ def run(
     uniform = rig.measure_scheme(truth, largest_uniform_scheme(samples))
     regular = rig.measure_scheme(truth, uniform_plan(samples, np.radians(80.0)).scheme())
     table_of_grid = reconstruct_regular_grid(regular)
-    improved = reconstruct_along_highlights(along)
+    highlights = reconstruct_along_highlights(along)
     elapsed = stopwatch()
-    one = reconstruct_rbf(uniform).reflectance
+    one = reconstruct_rbf(uniform).brdf
     fit_seconds = {"simrig": elapsed()}
     nodes = cast("ThinPlateSpline", one.splines[0]).nodes
     elapsed = stopwatch()
     scipy = RBFInterpolator(nodes, np.ones((len(nodes), 3)))
     fit_seconds["SciPy"] = elapsed()
-    local = reconstruct_rbf(uniform, NEIGHBOURS).reflectance
-    jobs = slice_jobs(along, improved, part) + barycentric_jobs(uniform)
+    local = reconstruct_rbf(uniform, NEIGHBOURS).brdf
+    jobs = slice_jobs(along, highlights, part) + barycentric_jobs(uniform)
     jobs += grid_jobs(table_of_grid, part) + global_jobs(one, scipy, part)
     jobs += local_jobs(local, part)
-    made: dict[str, Reflectance] = {
+    made: dict[str, Brdf] = {
         "slices": reconstruct(along),
-        "improved": improved,
+        "along-highlights": highlights,
         "barycentric": reconstruct_barycentric(uniform),
         "regular_grid": table_of_grid,
         "rbf_global": one,
         "rbf_local": local,
     }
-    counts = {"slices": samples, "improved": samples, "regular_grid": len(regular.values)}
+    counts = {"slices": samples, "along-highlights": samples, "regular_grid": len(regular.values)}
     return {
         "benchmark": "whole-array",
         "material": MATERIAL,

@@ -43,7 +43,7 @@ def rings_of(name: str, rings: Sequence[Sequence[float]]) -> HemisphereScheme:
     return HemisphereScheme.from_rings(name, [Ring(theta, int(count)) for theta, count in rings])
 
 
-def far_rows(tile: Tile, settings: Mapping[str, Any], orders: int) -> list[dict[str, Any]]:
+def far_rows(tile: Tile, settings: Mapping[str, Any], bounces: int) -> list[dict[str, Any]]:
     """Return a row per pair of directions.
 
     Args:
@@ -51,19 +51,19 @@ def far_rows(tile: Tile, settings: Mapping[str, Any], orders: int) -> list[dict[
         settings: ``rings``, ``texels``, ``spp`` and ``repeats`` of the measurement; ``pixels``,
             ``picture_spp`` and ``renders`` of the structure's pictures; ``angles_deg``, measured
             pairs.
-        orders: how often light is reflected at most.
+        bounces: how often light is reflected at most.
     """
     scheme = rings_of("far", settings["rings"])
-    stack, means = _measured(tile, scheme, settings, orders)
+    stack, means = _measured(tile, scheme, settings, bounces)
     btf = FullBtf.from_stack(stack)
     return [
-        _far(tile, stack, means, btf, tuple(angles), settings, orders)
+        _far(tile, stack, means, btf, tuple(angles), settings, bounces)
         for angles in settings["angles_deg"]
     ]
 
 
 def _measured(
-    tile: Tile, scheme: HemisphereScheme, settings: Mapping[str, Any], orders: int
+    tile: Tile, scheme: HemisphereScheme, settings: Mapping[str, Any], bounces: int
 ) -> tuple[BtfStack, np.ndarray]:
     """Return the mean of independent measurements, and each one's means, (repeats, pairs)."""
     values: Any = 0.0
@@ -74,7 +74,7 @@ def _measured(
             btf_angles(scheme),
             settings["texels"],
             settings["spp"],
-            orders=orders,
+            bounces=bounces,
             seed=seed,
             dtype=np.float32,
         )
@@ -93,7 +93,7 @@ def _far(
     btf: FullBtf,
     angles_deg: tuple[float, ...],
     settings: Mapping[str, Any],
-    orders: int,
+    bounces: int,
 ) -> dict[str, Any]:
     sight = Sight(angles_deg, pixels=1)
     wi, wv = sight.directions
@@ -104,7 +104,7 @@ def _far(
     abrdf = float(measured.mean())
     size = (settings["pixels"], round(settings["pixels"] * tile.size_mm[1] / tile.size_mm[0]))
     scene, camera = structure_scene(tile, sight), period_sensor(tile, sight, size)
-    depth, spp = orders + 1, settings["picture_spp"]
+    depth, spp = bounces + 1, settings["picture_spp"]
     truths = np.array(
         [picture(scene, camera, depth, spp, seed).mean() for seed in range(settings["renders"])]
     )

@@ -1,7 +1,8 @@
 """A measured BTF beside the structure that it was measured of, in the same pictures.
 
 One patch, two contents: the true structure, path-traced with as many reflections as the BTF was
-measured with, and the BTF, full and factored, on a flat rectangle (``simrig/viewing/structure/patch.py``).
+measured with, and the BTF, full and factored, on a flat rectangle
+(``simrig/viewing/structure/patch.py``).
 
 - **Angles**: at a measured pair (the control: what raster and noise cost) and between measured
   ones (what angular interpolation costs). The noise of the structure's picture is stated: the ΔE
@@ -25,7 +26,7 @@ import numpy as np
 
 from simrig.btf.factored import FactoredBtf
 from simrig.btf.full import FullBtf
-from simrig.btf.spatial import SpatialReflectance
+from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.core import backend
 from simrig.directions.spherical import to_vector
@@ -71,7 +72,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rings": [[0.0, 1], [30.0, 6], [60.0, 8], [75.0, 8]],
         "texels": 32,
         "spp": 8,
-        "orders": 2,
+        "bounces": 2,
         "tolerance": 0.05,
         # theta_i, theta_v, phi_i, phi_v; the first is measured
         "angles_deg": [[60.0, 30.0, 90.0, 0.0], [45.0, 15.0, 110.0, 30.0]],
@@ -93,7 +94,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rings": [[0.0, 1], [25.0, 6], [50.0, 12], [75.0, 18]],
         "texels": 48,
         "spp": 8,
-        "orders": 2,
+        "bounces": 2,
         "tolerance": 0.05,
         "angles_deg": [
             [50.0, 25.0, 90.0, 0.0],
@@ -128,10 +129,10 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         btf_angles(rings_of("rings", config["rings"])),
         config["texels"],
         config["spp"],
-        orders=config["orders"],
+        bounces=config["bounces"],
         dtype=np.float32,
     )
-    forms: dict[str, SpatialReflectance] = {
+    forms: dict[str, SpatialBrdf] = {
         "full": FullBtf.from_stack(stack),
         "factored": FactoredBtf.from_stack(stack, tolerance=config["tolerance"]),
     }
@@ -143,7 +144,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         sight = Sight(tuple(config["angles_deg"][0]), distance, config["pixels"])
         rows += _compared("distance", tile, stack, forms, sight, config)
     rows += _speed(tile, forms, config)
-    return rows + far_rows(tile, config["far"], config["orders"])
+    return rows + far_rows(tile, config["far"], config["bounces"])
 
 
 def _nearest(stack: BtfStack, angles_deg: Sequence[float]) -> tuple[int, float]:
@@ -161,13 +162,13 @@ def _compared(
     kind: str,
     tile: Tile,
     stack: BtfStack,
-    forms: Mapping[str, SpatialReflectance],
+    forms: Mapping[str, SpatialBrdf],
     sight: Sight,
     config: Config,
 ) -> list[dict[str, Any]]:
     """Render one sight of the structure and of every form of its BTF."""
     scene, camera = structure_scene(tile, sight), sensor(tile, sight)
-    depth, spp = config["orders"] + 1, config["picture_spp"]
+    depth, spp = config["bounces"] + 1, config["picture_spp"]
     halves = [picture(scene, camera, depth, spp, seed) for seed in (1, 2)]
     reference = 0.5 * (halves[0] + halves[1])
     exposure = display_exposure(reference)
@@ -205,9 +206,7 @@ def _difference(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.clip(np.round(127.5 + away), 0.0, 255.0).astype(np.uint8)
 
 
-def _speed(
-    tile: Tile, forms: Mapping[str, SpatialReflectance], config: Config
-) -> list[dict[str, Any]]:
+def _speed(tile: Tile, forms: Mapping[str, SpatialBrdf], config: Config) -> list[dict[str, Any]]:
     """Time the first sight: the structure with direct light and with all orders, and the BTFs."""
     settings = config["speed"]
     sight = Sight(tuple(config["angles_deg"][0]), pixels=settings["pixels"])
@@ -217,7 +216,7 @@ def _speed(
     geometry = sum(p.vertices.nbytes + p.faces.nbytes for p in tile.parts)
     sizes = {STRUCTURE: geometry, **{name: btf.device_bytes for name, btf in forms.items()}}
     rows = []
-    for light, depth in (("direct", 2), ("path", config["orders"] + 1)):
+    for light, depth in (("direct", 2), ("path", config["bounces"] + 1)):
         jobs = {name: _job(scene, camera, depth, settings["spp"]) for name, scene in scenes.items()}
         timings = side_by_side(jobs, settings["rounds"])
         kernels = {name: float(np.median(timing.kernels)) for name, timing in timings.items()}

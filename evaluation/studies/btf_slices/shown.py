@@ -157,7 +157,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     titles = {
         "best_and_worst": "best and worst: renderings (ΔE / PSNR / SSIM), and one image",
         "renderings": "renderings, ΔE / PSNR / SSIM",
-        "texels": "one image between the measured elevations, 2 × 2 tiles",
+        "texels": "one image between the measured polar angles, 2 × 2 tiles",
         "differences": "worst: 255 − 10 × difference",
     }
     files = [

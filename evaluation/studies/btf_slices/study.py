@@ -1,8 +1,8 @@
-"""Section 6.3.5: BTFs rebuilt from the 168 images of a gantry, beside all their images.
+"""Section 6.3.5: BTFs reconstructed from the 168 images of a gantry, beside all their images.
 
 Each tile is measured twice by the virtual rig: for all pairs of a scheme, and for the 168 pairs of
 the gantry's slices, exactly where they lie: 60 of them are not among the 6,561, from which the
-thesis selects its own. Every texel is rebuilt by itself. Errors are those of a rendering, a
+thesis selects its own. Every texel is reconstructed by itself. Errors are those of a rendering, a
 cylinder under one light, as the thesis compares; and the mean over single images of the
 stack, drawn evenly. Both measurements carry the noise of their samples: the same single images
 are measured a third time, and how far they are from the first says what noise alone does.
@@ -10,12 +10,12 @@ are measured a third time, and how far they are from the first says what noise a
 The thesis prints its numbers only inside Figures 6.17 and 6.18, not in the text. What the text
 says is compared: nearly flat fabrics and leathers come out close, corduroy and Lego fail, deep
 structure is deformed and blurred. So materials are sorted by the depth of their structure, and
-texels are shown as one image of the stack between the measured elevations.
+texels are shown as one image of the stack between the measured polar angles.
 
-Method BD transports every line of every texel exactly, all at once. Some texels are rebuilt by the
-network simplex as well, one line after the other. The hardware's time is that of timing models:
-a gonioreflectometer for all images, a gantry for 168. Seconds of computing are the processor's,
-over all threads; they include what a method prepares for the first material.
+Method BD transports every line of every texel exactly, all at once. Some texels are reconstructed
+by the network simplex as well, one line after the other. The hardware's time is that of timing
+models: a gonioreflectometer for all images, a gantry for 168. Seconds of computing are the
+processor's, over all threads; they include what a method prepares for the first material.
 
 Source: thesis section 6.3.5, Figures 6.17 and 6.18.
 """
@@ -60,7 +60,7 @@ from simrig.scenes.stimuli import CYLINDER_HEIGHT, CYLINDER_RADIUS
 
 _CIRCUMFERENCE = 2.0 * np.pi * CYLINDER_RADIUS
 _PLAN = GantryPlan()
-_GANTRY_SECONDS = GANTRY_TIMING.seconds(len(_PLAN.elevations), _PLAN.axial + _PLAN.diagonal)
+_GANTRY_SECONDS = GANTRY_TIMING.seconds(len(_PLAN.thetas), _PLAN.axial + _PLAN.diagonal)
 _ENLARGED = 3  # of texels in pictures
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -70,7 +70,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rings": [[0.0, 1], [30.0, 5], [55.0, 6], [75.0, 6]],
         "texels": 24,
         "spp": 4,
-        "orders": 2,
+        "bounces": 2,
         "picture": 96,
         "images": [6, 6],  # views, and lights of each
         "seen_deg": [55.0, 55.0, 60.0, 240.0],
@@ -93,7 +93,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rings": None,  # 81 × 81
         "texels": 32,
         "spp": 8,
-        "orders": 2,
+        "bounces": 2,
         "picture": 128,
         "images": [10, 10],
         "seen_deg": [60.0, 45.0, 90.0, 220.0],
@@ -108,7 +108,7 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 
 def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[str, Any]]:
-    """Measure one material, rebuild it by every method, and compare.
+    """Measure one material, reconstruct it by every method, and compare.
 
     Args:
         config: the configuration.
@@ -121,7 +121,7 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
     """
     backend.select("auto")
     tile = build_tile(cell["material"])
-    settings = {"resolution": config["texels"], "spp": config["spp"], "orders": config["orders"]}
+    settings = {"resolution": config["texels"], "spp": config["spp"], "bounces": config["bounces"]}
     files = [kept and kept / f"{cell['material']}{part}.h5" for part in ("", "-slices")]
     truth = kept_btf(files[0], tile, btf_angles(_scheme(config)), **settings)
     images = kept_btf(files[1], tile, _PLAN.angles(), **settings)
@@ -149,20 +149,20 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
     ]
     for method in config["methods"]:
         start = time.process_time()
-        rebuilt = reconstruct_btf(images, method, angles=truth.angles)
+        reconstructed = reconstruct_btf(images, method, angles=truth.angles)
         seconds = time.process_time() - start
-        found = _rendered(rebuilt, config["picture"])
+        found = _rendered(reconstructed, config["picture"])
         rows += [
             {
                 **about,
                 "method": method,
-                **_costs(images, rebuilt, _GANTRY_SECONDS),
+                **_costs(images, reconstructed, _GANTRY_SECONDS),
                 "reconstruction_seconds": seconds,
                 **_errors(reference, found, exposure, mask),
-                **_image_errors(truth, drawn, rebuilt, drawn),
+                **_image_errors(truth, drawn, reconstructed, drawn),
             },
             picture_row(method, to_srgb8(found, exposure)),
-            picture_row(f"{method}, texels", _enlarged(_lit(rebuilt, seen), lit)),
+            picture_row(f"{method}, texels", _enlarged(_lit(reconstructed, seen), lit)),
             picture_row(
                 f"{method}, difference", difference_image(reference, found, 10.0, exposure)
             ),
@@ -283,7 +283,7 @@ def _beside_exact(
 
 STUDY = Study(
     name="btf-slices",
-    about="Section 6.3.5: BTFs rebuilt from the 168 images of a gantry, failures shown.",
+    about="Section 6.3.5: BTFs reconstructed from the 168 images of a gantry, failures shown.",
     source="thesis section 6.3.5, Figures 6.17 and 6.18",
     presets=PRESETS,
     cells=cells,

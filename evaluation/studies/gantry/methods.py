@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, Reflectance, kurt_material
+from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, Brdf, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.cost import stopwatch
@@ -48,13 +48,13 @@ PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         **_COMMON,
         "materials": ["yellow_satin", "wood01"],
-        "elevations_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
+        "thetas_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
         "table": {"theta_step_deg": 15.0, "azimuths": 24},
     },
     "full": {
         **_COMMON,
         "materials": [*KURT_MATERIALS, *RESCALED_MATERIALS],
-        "elevations_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
+        "thetas_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
         "table": {"theta_step_deg": 7.5, "azimuths": 48},
     },
 }
@@ -77,7 +77,7 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
-    """Measure and rebuild one material by one method, and compare."""
+    """Measure and reconstruct one material by one method, and compare."""
     truth, picture = kurt_material(cell["material"]), Picture.of(config)
     if cell["method"] in UNIFORM:
         return [_uniform(truth, picture, config["table"], cell["method"] == "uniform_log")]
@@ -85,13 +85,13 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 
 def _uniform(
-    truth: Reflectance, picture: Picture, table: Mapping[str, Any], logarithms: bool
+    truth: Brdf, picture: Picture, table: Mapping[str, Any], logarithms: bool
 ) -> dict[str, Any]:
     measurement = Gonioreflectometer().measure_scheme(truth, thirteen(), reciprocal=False)
     elapsed = stopwatch()
     spline = reconstruct_rbf(measurement, reciprocal=False, logarithms=logarithms)
     result = resample_dense(
-        spline.reflectance,
+        spline.brdf,
         np.radians(table["theta_step_deg"]),
         table["azimuths"],
         np.radians(75.0),

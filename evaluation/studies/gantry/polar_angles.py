@@ -1,4 +1,4 @@
-"""Figure 6.24: which two elevations a gantry should measure.
+"""Figure 6.24: which two polar angles a gantry should measure.
 
 One axial and one diagonal slice of 24 samples in each of four subspaces, everything else by method
 B; the error is the RMSE of the picture of all subspaces. The thesis uses ABRDFs of four highly
@@ -40,20 +40,20 @@ PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         **_COMMON,
         "materials": ["yellow_satin", "fabric112"],
-        "elevations_deg": [15.0, 30.0, 45.0, 60.0, 75.0],
+        "thetas_deg": [15.0, 30.0, 45.0, 60.0, 75.0],
         "table": {"theta_step_deg": 15.0, "azimuths": 24},
     },
     "full": {
         **_COMMON,
         "materials": list(ANISOTROPIC),
-        "elevations_deg": [7.5 * step for step in range(1, 11)],
+        "thetas_deg": [7.5 * step for step in range(1, 11)],
         "table": {"theta_step_deg": 7.5, "azimuths": 48},
     },
 }
 
 
 def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material and pair of elevations."""
+    """Return one cell per material and pair of polar angles."""
     return [
         {"material": name, "low": low, "high": high}
         for name in config["materials"]
@@ -62,7 +62,7 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
-    """Measure one material at two elevations and compare."""
+    """Measure one material at two polar angles and compare."""
     plan = GantryPlan.from_degrees(cell["low"], cell["high"], lowest_samples=24)
     truth = kurt_material(cell["material"])
     table = config["table"]
@@ -90,7 +90,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.console import Group
     from rich.table import Table
 
-    shown = Table(title="two elevations of a gantry, best first")
+    shown = Table(title="two polar angles of a gantry, best first")
     shown.add_column("θ [°]")
     shown.add_column("published")
     shown.add_column(f"ours: {' / '.join(ERRORS.values())}", justify="right")
@@ -111,15 +111,15 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     for number, name in enumerate(summary["materials"], start=1):
         own = {f"{r['low']:g}/{r['high']:g}": r["rmse"] for r in rows if r["material"] == name}
         panel.plot(pairs, [own[p] for p in pairs], "o", color=COLOURS[number], label=name)
-    panel.set(xlabel="measured elevations [°]", ylabel="RMSE  (lower is better)")
+    panel.set(xlabel="measured polar angles [°]", ylabel="RMSE  (lower is better)")
     panel.legend(frameon=False, fontsize=8)
-    finish_figure(figure, folder / "elevations.png")
-    return [folder / "elevations.png"]
+    finish_figure(figure, folder / "polar_angles.png")
+    return [folder / "polar_angles.png"]
 
 
 STUDY = Study(
-    name="gantry-elevations",
-    about="Figure 6.24: which two elevations a gantry should measure.",
+    name="gantry-polar-angles",
+    about="Figure 6.24: which two polar angles a gantry should measure.",
     source="thesis section 6.4.4, Figure 6.24",
     presets=PRESETS,
     cells=cells,

@@ -1,9 +1,9 @@
-"""Figure 6.26: elevations and slices per subspace of a gantry against error, samples and time.
+"""Figure 6.26: polar angles and slices per subspace of a gantry against error, samples and time.
 
-Subspaces are rebuilt as in section 5.3 from any number of slices, and from 1 + 1 slices also as in
-6.1 (their sum); other elevations by method B. ``all`` takes 24 slices of each kind, which is every
-one of the 24 × 24 samples: the upper bound, dashed in the thesis. Times are those of a gantry with
-a camera at every elevation and 10 s per slice.
+Subspaces are reconstructed as in section 5.3 from any number of slices, and from 1 + 1 slices also
+as in 6.1 (their sum); other polar angles by method B. ``all`` takes 24 slices of each kind, which
+is every one of the 24 × 24 samples: the upper bound, dashed in the thesis. Times are those of a
+gantry with a camera at every polar angle and 10 s per slice.
 
 The thesis prints curves without numbers and says in words what they show; ``CLAIMS`` holds that.
 Its four ABRDFs (UTIA BTF database) are not public in that form; materials of Table D.1 stand in.
@@ -26,7 +26,7 @@ from simrig.rigs.timing import STEADY_GANTRY_TIMING
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure
 
 ALL = 24  # slices of each kind that meet every sample of the grid
-ELEVATIONS: dict[str, list[float]] = {
+THETAS: dict[str, list[float]] = {
     "2": [30, 75],
     "3": [30, 52.5, 75],
     "4": [30, 45, 60, 75],
@@ -35,8 +35,8 @@ ELEVATIONS: dict[str, list[float]] = {
 }
 CLAIMS = (
     "4 + 4 slices are reasonably good compared to 1 + 1",
-    "the gain of more elevations is significant above 3 + 3 slices",
-    "a middle elevation and above all 15° bring the most",
+    "the gain of more polar angles is significant above 3 + 3 slices",
+    "a middle polar angle and above all 15° bring the most",
     "15, 30, 45, 60, 75° is less than 0.5 % better than 15, 30, 52.5, 75°",
     "8 slices per subspace with four cameras take around 7 minutes",
 )
@@ -46,30 +46,30 @@ PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         **_COMMON,
         "materials": ["fabric112"],
-        "elevations": ["2", "4, low"],
+        "thetas": ["2", "4, low"],
         "slices": [1, 4],
-        "elevations_deg": [15.0, 30.0, 45.0, 60.0, 75.0],
+        "thetas_deg": [15.0, 30.0, 45.0, 60.0, 75.0],
         "table": {"theta_step_deg": 7.5, "azimuths": 24},
     },
     "full": {
         **_COMMON,
         "materials": list(ANISOTROPIC),
-        "elevations": list(ELEVATIONS),
+        "thetas": list(THETAS),
         "slices": [1, 2, 3, 4, 5, 6, 8, ALL],
-        "elevations_deg": [7.5 * step for step in range(1, 11)],
+        "thetas_deg": [7.5 * step for step in range(1, 11)],
         "table": {"theta_step_deg": 7.5, "azimuths": 24},
     },
 }
 
 
 def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material, set of elevations, number of slices and method."""
+    """Return one cell per material, set of polar angles, number of slices and method."""
     combined = [(count, "corners") for count in config["slices"]]
     combined += [(1, "sum")] if 1 in config["slices"] else []
     return [
-        {"material": name, "elevations": elevations, "slices": count, "combination": combination}
+        {"material": name, "thetas": thetas, "slices": count, "combination": combination}
         for name in config["materials"]
-        for elevations in config["elevations"]
+        for thetas in config["thetas"]
         for count, combination in combined
     ]
 
@@ -77,8 +77,8 @@ def cells(config: Config) -> list[dict[str, Any]]:
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     """Measure one material with as many slices of each kind, and compare."""
     count = cell["slices"]
-    elevations = ELEVATIONS[cell["elevations"]]
-    plan = GantryPlan.from_degrees(*elevations, axial=count, diagonal=count, lowest_samples=24)
+    thetas = THETAS[cell["thetas"]]
+    plan = GantryPlan.from_degrees(*thetas, axial=count, diagonal=count, lowest_samples=24)
     row = gantry_trial(
         kurt_material(cell["material"]),
         plan,
@@ -95,17 +95,17 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the mean errors and the cost of every configuration, and the published claims."""
     found: dict[tuple, list[Row]] = {}
     for row in rows:
-        key = (row["elevations"], row["slices"], row["combination"])
+        key = (row["thetas"], row["slices"], row["combination"])
         found.setdefault(key, []).append(row)
     means = [
         {
-            "elevations": elevations,
+            "thetas": thetas,
             "slices": count,
             "combination": combination,
             **mean_errors(own),
             **{name: own[0][name] for name in ("samples", "hardware_minutes")},
         }
-        for (elevations, count, combination), own in found.items()
+        for (thetas, count, combination), own in found.items()
     ]
     return {
         "means": means,
@@ -119,7 +119,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.console import Group
     from rich.table import Table
 
-    names = list(dict.fromkeys(mean["elevations"] for mean in summary["means"]))
+    names = list(dict.fromkeys(mean["thetas"] for mean in summary["means"]))
     shown = Table(title="PSNR in dB / SSIM (samples, minutes)")
     shown.add_column("slices")
     for name in names:
@@ -127,7 +127,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     cases = sorted({(m["slices"], m["combination"] == "corners") for m in summary["means"]})
     for count, corners in cases:
         own = {
-            mean["elevations"]: mean
+            mean["thetas"]: mean
             for mean in summary["means"]
             if (mean["slices"], mean["combination"] == "corners") == (count, corners)
         }
@@ -138,7 +138,7 @@ def table(summary: Mapping[str, Any]) -> Any:
 
 
 def _degrees(name: str) -> str:
-    return ", ".join(f"{theta:g}" for theta in ELEVATIONS[name]) + "°"
+    return ", ".join(f"{theta:g}" for theta in THETAS[name]) + "°"
 
 
 def _text(mean: Mapping[str, Any]) -> str:
@@ -154,10 +154,10 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     panels = figure.subplots(2, 2).ravel()
     labels = ("PSNR [dB]", "SSIM", "samples", "time of the gantry [min]")
     values = ("psnr", "ssim", "samples", "hardware_minutes")
-    names = list(dict.fromkeys(mean["elevations"] for mean in summary["means"]))
+    names = list(dict.fromkeys(mean["thetas"] for mean in summary["means"]))
     for panel, label, value in zip(panels, labels, values, strict=True):
         for number, name in enumerate(names):
-            _curve(panel, [m for m in summary["means"] if m["elevations"] == name], value, number)
+            _curve(panel, [m for m in summary["means"] if m["thetas"] == name], value, number)
         panel.set(xlabel="slices per subspace", ylabel=label)
         panel.grid(color="0.9")
     panels[2].set_yscale("log")
@@ -169,7 +169,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 
 def _curve(panel: Any, means: list[Mapping[str, Any]], value: str, number: int) -> None:
-    """Draw one set of elevations: a line, a cross for the sum, a dashed line for all samples."""
+    """Draw one set of polar angles: a line, a cross for the sum, a dashed line for all samples."""
     colour = COLOURS[number % len(COLOURS)]
     line = sorted(
         (2 * m["slices"], m[value])
@@ -181,7 +181,7 @@ def _curve(panel: Any, means: list[Mapping[str, Any]], value: str, number: int) 
         color=colour,
         marker=MARKERS[number % len(MARKERS)],
         markerfacecolor="white",
-        label=_degrees(means[0]["elevations"]),
+        label=_degrees(means[0]["thetas"]),
     )
     for mean in means:
         if mean["combination"] == "sum":
@@ -192,7 +192,7 @@ def _curve(panel: Any, means: list[Mapping[str, Any]], value: str, number: int) 
 
 STUDY = Study(
     name="gantry-slices",
-    about="Figure 6.26: elevations and slices per subspace of a gantry against error and time.",
+    about="Figure 6.26: polar angles and slices per subspace of a gantry against error and time.",
     source="thesis section 6.4.4, Figure 6.26",
     presets=PRESETS,
     cells=cells,

@@ -1,4 +1,4 @@
-"""One trial of a gantry: measure, rebuild, and compare pictures of all subspaces.
+"""One trial of a gantry: measure, reconstruct, and compare pictures of all subspaces.
 
 Errors are those of the thesis's figures: ΔE, RMSE, PSNR and SSIM of the picture in which all
 azimuthal subspaces stand side by side (Figure 6.13). The thesis does not say how its pictures are
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
 from simrig.evaluation.metrics import images as metrics
 from simrig.plans.gantry import GantryPlan
@@ -40,18 +40,18 @@ class Picture:
         azimuth_step_deg: size of a pixel.
     """
 
-    elevations_deg: tuple[float, ...]
+    thetas_deg: tuple[float, ...]
     azimuth_step_deg: float
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Picture:
         """Return the picture of a study's configuration."""
-        return cls(tuple(config["elevations_deg"]), float(config["azimuth_step_deg"]))
+        return cls(tuple(config["thetas_deg"]), float(config["azimuth_step_deg"]))
 
-    def errors(self, truth: Reflectance, result: Reflectance) -> dict[str, float]:
+    def errors(self, truth: Brdf, result: Brdf) -> dict[str, float]:
         """Return the ``ERRORS`` of a result."""
         reference, image = (
-            brdf_picture(one, self.elevations_deg, self.azimuth_step_deg) for one in (truth, result)
+            brdf_picture(one, self.thetas_deg, self.azimuth_step_deg) for one in (truth, result)
         )
         exposure = brdf_exposure(reference)
         error = metrics.mse(reference, image, exposure=exposure)
@@ -66,7 +66,7 @@ class Picture:
 
 
 def gantry_trial(
-    truth: Reflectance,
+    truth: Brdf,
     plan: GantryPlan,
     picture: Picture,
     *,
@@ -87,11 +87,11 @@ def gantry_trial(
     result = reconstruct_gantry(measurement, **reconstruction)
     seconds = elapsed()
     return {
-        **picture.errors(truth, result.reflectance),
+        **picture.errors(truth, result.brdf),
         "samples": plan.samples,
         "hardware_minutes": measurement.cost.hardware_seconds / 60.0,
         "reconstruction_seconds": seconds,
-        "bytes": int(result.reflectance.values.nbytes),
+        "bytes": int(result.brdf.values.nbytes),
         "notes": "; ".join(result.notes),
     }
 
@@ -110,7 +110,7 @@ def error_text(errors: Mapping[str, float]) -> str:
 
 
 def mean_cost(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return what a trial cost in the mean: samples, minutes of the device, seconds to rebuild."""
+    """Return the mean cost of a trial: samples, minutes of the device, seconds."""
     return {name: float(np.mean([row[name] for row in rows])) for name in COSTS}
 
 

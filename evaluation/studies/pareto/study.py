@@ -1,9 +1,9 @@
 """What accuracy costs: the error of every method over samples, hours, seconds and bytes.
 
 A cell measures one material by one method with the most samples that its plans allow below a
-number, rebuilds it, estimates the error, and renders a small sphere under an environment, so that
-the error is also what one sees. A method that cannot use so few or so many samples says so in its
-row. ``simrig pareto`` runs this study for any materials, methods and numbers of samples.
+number, reconstructs it, estimates the error, and renders a small sphere under an environment, so
+that the error is also what one sees. A method that cannot use so few or so many samples says so in
+its row. ``simrig pareto`` runs this study for any materials, methods and numbers of samples.
 
 The MRE is over the 2° grid up to 80°, or as far as the data go, estimated with a stated standard
 error. The picture has no noise. Times are those of the process that ran the cell; cells that run
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
@@ -46,7 +46,14 @@ PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         **_STUDIED,
         "materials": ["fabric112"],
-        "methods": ["slices", "improved", "barycentric", "rbf_local", "regular_grid", "gantry_b"],
+        "methods": [
+            "slices",
+            "along-highlights",
+            "barycentric",
+            "rbf_local",
+            "regular_grid",
+            "gantry_b",
+        ],
         "samples": [168, 435, 2000, 8911],
     },
     "full": {
@@ -96,7 +103,7 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
-    """Measure, rebuild, compare and render one material by one method.
+    """Measure, reconstruct, compare and render one material by one method.
 
     Returns:
         One row: errors (MRE and its standard error in percent; ΔE and PSNR of the picture), what
@@ -113,13 +120,13 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     end = min(LARGEST_THETA_DEG, float(np.degrees(truth.theta_max)))
     error = mre_estimate(
         truth,
-        made.reflectance,
+        made.brdf,
         config["directions"],
         seed=config["seed"],
         step_deg=step,
         theta_max_deg=step * np.floor(end / step + 1e-6),
     )
-    seen = picture.compare(made.reflectance)
+    seen = picture.compare(made.brdf)
     return [
         {
             "refused": None,
@@ -141,7 +148,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 
 @lru_cache(maxsize=1)  # cells of a material run one after the other
-def _subject(name: str, pixels: int, lights: int) -> tuple[Reflectance, SpherePicture]:
+def _subject(name: str, pixels: int, lights: int) -> tuple[Brdf, SpherePicture]:
     truth = load_material(name)
     return truth, SpherePicture(truth, pixels, lights)
 

@@ -32,7 +32,7 @@ TABLE_5_4: dict[str, float] = {
     "fabric139": 1.11,
     "wood01": 1.17,
 }
-FIGURE_5_5 = {"elevation_step_deg": 14.0, "azimuth_step_deg": 20.0}  # the step that is fixed
+FIGURE_5_5 = {"theta_step_deg": 14.0, "azimuth_step_deg": 20.0}  # the step that is fixed
 
 Steps = tuple[float, float]  # e_s, a_s in degrees
 
@@ -58,7 +58,7 @@ class Curves:
         """Return the curves through the rows of the study."""
         points: dict[tuple[str, Steps], list[tuple[int, float]]] = {}
         for row in rows:
-            steps = row["elevation_step_deg"], row["azimuth_step_deg"]
+            steps = row["theta_step_deg"], row["azimuth_step_deg"]
             points.setdefault((row["material"], steps), []).append(
                 (row["samples"], row["mre_percent"])
             )
@@ -141,7 +141,7 @@ def _count(curves: Curves, index: int) -> int:
 
 def _steps(curves: Curves, placement: int) -> dict[str, float]:
     e_s, a_s = curves.placements[placement]
-    return {"elevation_step_deg": e_s, "azimuth_step_deg": a_s}
+    return {"theta_step_deg": e_s, "azimuth_step_deg": a_s}
 
 
 def _beside_published(curves: Curves, choice: np.ndarray) -> list[dict[str, Any]]:
@@ -164,7 +164,7 @@ def _beside_published(curves: Curves, choice: np.ndarray) -> list[dict[str, Any]
         found.append(
             {
                 "up_to": None if np.isinf(largest) else int(largest),
-                "elevation_step_deg": float(e_s),
+                "theta_step_deg": float(e_s),
                 "azimuth_step_deg": float(a_s),
                 "ours": [
                     _steps(curves, names[k]) | {"share": float(counts[k] / len(inside))}

@@ -15,8 +15,8 @@ from simrig.plans.placement import TABLE_5_1
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 
 _PANELS = {
-    "elevation_step_deg": ("e_s", "a_s", "azimuth_step_deg"),
-    "azimuth_step_deg": ("a_s", "e_s", "elevation_step_deg"),
+    "theta_step_deg": ("e_s", "a_s", "azimuth_step_deg"),
+    "azimuth_step_deg": ("a_s", "e_s", "theta_step_deg"),
 }
 
 
@@ -96,7 +96,7 @@ def _ratio(value: float | None) -> str:
 
 
 def _name(row: Mapping[str, Any]) -> str:
-    return f"{row['elevation_step_deg']:g}°/{row['azimuth_step_deg']:g}°"
+    return f"{row['theta_step_deg']:g}°/{row['azimuth_step_deg']:g}°"
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
@@ -177,7 +177,7 @@ def _published_ranges(samples: Sequence[int]) -> list[dict[str, float]]:
     for largest, e_s, a_s in TABLE_5_1:
         low, high = max(least, samples[0]), min(largest, samples[1])
         if low < high:
-            steps = {"elevation_step_deg": float(e_s), "azimuth_step_deg": float(a_s)}
+            steps = {"theta_step_deg": float(e_s), "azimuth_step_deg": float(a_s)}
             ranges.append({"from": low, "up_to": high, **steps})
         least = largest
     return ranges
@@ -185,7 +185,7 @@ def _published_ranges(samples: Sequence[int]) -> list[dict[str, float]]:
 
 def _key(row: Mapping[str, Any]) -> tuple[float, float]:
     """Return what orders placements from sparse to fine."""
-    return -row["azimuth_step_deg"], -row["elevation_step_deg"]
+    return -row["azimuth_step_deg"], -row["theta_step_deg"]
 
 
 def _palette(count: int) -> np.ndarray:

@@ -49,7 +49,7 @@ def sample_counts(number: int) -> list[int]:
 
 
 _STUDIED: dict[str, Any] = {
-    "elevation_steps_deg": [6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 20.0, 28.0],
+    "theta_steps_deg": [6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 20.0, 28.0],
     "azimuth_steps_deg": [12.0, 20.0, 36.0, 60.0, 180.0],
     "theta_max_deg": 80.0,
     "materials": [*KURT_MATERIALS, *RESCALED_MATERIALS],
@@ -68,12 +68,12 @@ PRESETS: dict[str, dict[str, Any]] = {
 def cells(config: Config) -> list[dict[str, Any]]:
     """Return one cell per placement and number of samples, a placement's cells side by side."""
     found = []
-    for e_s in config["elevation_steps_deg"]:
+    for e_s in config["theta_steps_deg"]:
         for a_s in config["azimuth_steps_deg"]:
             start = SlicePlacement.from_degrees(e_s, a_s, config["theta_max_deg"]).intersections
             most = (config["reach"] or np.inf) * start
             counts = [start, *(n for n in config["samples"] if start < n <= most)]
-            steps = {"elevation_step_deg": e_s, "azimuth_step_deg": a_s}
+            steps = {"theta_step_deg": e_s, "azimuth_step_deg": a_s}
             found += [{**steps, "samples": n} for n in counts]
     return found
 
@@ -85,7 +85,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         One row per material: the MRE and its standard error in percent, the number of directions
         it comes from, and the seconds that measuring, reconstructing and comparing took.
     """
-    steps = cell["elevation_step_deg"], cell["azimuth_step_deg"], config["theta_max_deg"]
+    steps = cell["theta_step_deg"], cell["azimuth_step_deg"], config["theta_max_deg"]
     truths = [kurt_material(name) for name in config["materials"]]
     found = Gonioreflectometer().measure_many(
         truths,
@@ -97,7 +97,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     for name, measurement in zip(config["materials"], found, strict=True):
         elapsed = stopwatch()
         result = reconstruct(measurement)
-        rebuilding = elapsed()
+        reconstructing = elapsed()
         error = _estimator(name, *_estimate_settings(config)).estimate(
             result, config["relative_standard_error"]
         )
@@ -108,8 +108,8 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
                 "standard_error_percent": error.standard_error_percent,
                 "directions": error.directions,
                 "sampling_seconds": measurement.cost.compute_seconds,
-                "reconstruction_seconds": rebuilding,
-                "error_seconds": elapsed() - rebuilding,
+                "reconstruction_seconds": reconstructing,
+                "error_seconds": elapsed() - reconstructing,
             }
         )
     return rows
@@ -163,7 +163,7 @@ def _cost(rows: Sequence[Row]) -> dict[str, Any]:
 
 STUDY = Study(
     name="placement",
-    about="Where slices should lie: the best elevation and azimuth steps for a number of samples.",
+    about="Where slices should lie: the best steps for a number of samples.",
     source="thesis sections 5.4.2 and 5.6.4, Eq. 5.3, Tables 5.1 and 5.4, Figs 5.5 and 5.13",
     presets=PRESETS,
     cells=cells,

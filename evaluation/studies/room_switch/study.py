@@ -76,7 +76,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rings": [[0.0, 1], [37.5, 6], [67.5, 6]],
         "texel_spp": 4,
         "tile_steps": 48,
-        "orders": 1,
+        "bounces": 1,
     },
     "full": {
         "materials": dict(ROOM_PARTS),
@@ -89,7 +89,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rings": [[0.0, 1], [15.0, 6], [30.0, 12], [45.0, 18], [60.0, 20], [75.0, 24]],
         "texel_spp": 8,
         "tile_steps": None,
-        "orders": "auto",
+        "bounces": "auto",
     },
 }
 
@@ -208,7 +208,7 @@ def _room(config: Config, variant: str, kept: Path | None) -> Room:
         directions=rings,
         spp=config["texel_spp"],
         tile_steps=config["tile_steps"],
-        orders=config["orders"],
+        bounces=config["bounces"],
         variant=variant,
         folder=kept,
     )

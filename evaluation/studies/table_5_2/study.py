@@ -1,7 +1,7 @@
 """Table 5.2 and Fig. 5.8: adaptive slices against uniform schemes with conventional interpolation.
 
 A cell measures one material with one uniform scheme, n samples, and as many along adaptive slices.
-It rebuilds it by barycentric interpolation, by radial basis functions and from the slices, and
+It reconstructs it by barycentric interpolation, by radial basis functions and from the slices, and
 estimates the three errors (MRE over the 2° grid up to 80°) with a standard error of at most 2 %,
 or what ``most_directions`` gives (the rows say what each has).
 A ratio of the table is the mean over the schemes of the method's error over that of the slices.
@@ -75,7 +75,7 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
-    """Measure and rebuild one material by every method with the samples of one scheme.
+    """Measure and reconstruct one material by every method with the samples of one scheme.
 
     Returns:
         One row per method: its ``kind`` (slices, barycentric, rbf), the ``method`` of the
@@ -89,7 +89,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         made = method(name).run(rig, truth, samples)
         error = mre_estimate(
             truth,
-            made.reflectance,
+            made.brdf,
             config["directions"],
             seed=config["seed"],
             relative_standard_error=config["relative_standard_error"],

@@ -1,6 +1,6 @@
 """Interpolation between slices along the lines of constant φ_h (thesis section 5.7, taken further).
 
-In the subspace of two elevations let m be the mean azimuth and d half the azimuth difference.
+In the subspace of two polar angles let m be the mean azimuth and d half the azimuth difference.
 The half vector then has the azimuth
 
     φ_h = m + ψ(d),   ψ(d) = atan2((sin θ_v − sin θ_i) sin d, (sin θ_v + sin θ_i) cos d),
@@ -32,7 +32,7 @@ from simrig.brdf.slices.slices import cell
 from simrig.core.arrays import Array, components, is_numpy, lerp, namespace, vector
 from simrig.directions import wrap_angle
 
-FULL_SHIFT = float(np.radians(2.0))  # elevations this far apart follow φ_h completely
+FULL_SHIFT = float(np.radians(2.0))  # polar angles this far apart follow φ_h completely
 _OFFSET = 2.0  # times the median; 1 to 3 are equally good on the materials of Table D.1
 Slice = Callable[[Array, Array], Array]  # colour of a row at a position in radians
 
@@ -63,7 +63,7 @@ def expanded(value: Array, offset: np.ndarray) -> Array:
 def half_vector_turn(d: Array, sin_i: Array, sin_v: Array) -> Array:
     """Return ψ = φ_h − m in radians for half azimuth differences d in [0, π].
 
-    It runs from 0 to ±π, is continuous in d where the elevations differ, and a step at π/2 where
+    It runs from 0 to ±π, is continuous in d where the polar angles differ, and a step at π/2 where
     they are equal.
     """
     xp = namespace(d)
@@ -76,8 +76,8 @@ def half_vector_turn(d: Array, sin_i: Array, sin_v: Array) -> Array:
 def shift_strength(theta_i: Array, theta_v: Array) -> Array:
     """Return how far to follow φ_h in a subspace, from 0 at θ_i = θ_v to 1.
 
-    Where both elevations are equal, φ_h jumps by half a turn at the mirror direction; there the
-    rule of section 5.3, which is good for equal elevations, takes over continuously. At the pole
+    Where both polar angles are equal, φ_h jumps by half a turn at the mirror direction; there the
+    rule of section 5.3, which is good for equal polar angles, takes over continuously. At the pole
     the strength is 1.
     """
     xp = namespace(theta_i)

@@ -1,8 +1,8 @@
-"""Slices blended once per pair of elevations, for whole arrays on a regular grid.
+"""Slices blended once per pair of polar angles, for whole arrays on a regular grid.
 
-D.1 is linear in the two elevations, so for a fixed pair of them the tables of the four
+D.1 is linear in the two polar angles, so for a fixed pair of them the tables of the four
 surrounding subspaces reduce to one: a grid point then reads 17 colours instead of 49. The
-formula and its treatment of the pole are those of ``SliceReflectance``.
+formula and its treatment of the pole are those of ``SliceBrdf``.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Any
 import drjit as dr
 
 from simrig.brdf.slices.layout import SliceLayout
-from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.arrays import Array, vector_type
 
-_NOTHING = 3.0e38  # larger than any reflectance: takes no part in a minimum
+_NOTHING = 3.0e38  # larger than any BRDF: takes no part in a minimum
 
 
 def meets_samples(layout: SliceLayout, n_theta: int, n_phi: int) -> bool:
@@ -25,34 +25,34 @@ def meets_samples(layout: SliceLayout, n_theta: int, n_phi: int) -> bool:
     )
 
 
-class BlendedElevations:
-    """Tables of one subspace per pair of grid elevations.
+class BlendedThetas:
+    """Tables of one subspace per pair of grid polar angles.
 
     Args:
-        reflectance: the slices.
-        n_theta: number of grid elevations from 0 to theta_max.
+        brdf: the slices.
+        n_theta: number of grid polar angles from 0 to theta_max.
         n_phi: number of grid azimuths.
-        first, second: grid elevations of every pair, first <= second.
+        first, second: grid polar angles of every pair, first <= second.
         types: Dr.Jit types (``simrig.core.backend.types``).
     """
 
     def __init__(
         self,
-        reflectance: SliceReflectance,
+        brdf: SliceBrdf,
         n_theta: int,
         n_phi: int,
         first: Array,
         second: Array,
         types: Any,
     ):
-        self.layout, self.types = reflectance.layout, types
-        self.data = reflectance.prepare(reflectance.on(types.Float))
+        self.layout, self.types = brdf.layout, types
+        self.data = brdf.prepare(brdf.on(types.Float))
         self.node_ratio = (self.layout.node_count - 1) // (n_theta - 1)
         self.azimuth_ratio = self.layout.azimuth_samples // n_phi
         self.colour = vector_type(types.Float)
         step = self.layout.theta_max / (n_theta - 1)
-        self.cell_i = self.layout.elevation_cell(types.Float(first) * step)
-        self.cell_v = self.layout.elevation_cell(types.Float(second) * step)
+        self.cell_i = self.layout.theta_cell(types.Float(first) * step)
+        self.cell_v = self.layout.theta_cell(types.Float(second) * step)
         self.axial = self._blend("axial")
         self.diagonal = self._blend("diagonal")
         self.pole_v, self.pole_i = self._poles()
@@ -61,15 +61,15 @@ class BlendedElevations:
         """Return the value at grid points.
 
         Args:
-            pair: number of the pair of elevations.
-            a, b: the two grid elevations (theta_i, theta_v) of the pair.
+            pair: number of the pair of polar angles.
+            a, b: the two grid polar angles (theta_i, theta_v) of the pair.
             p, q: azimuth of light and view in grid steps.
         """
         lay, types = self.layout, self.types
         a_n, samples = lay.azimuth_count, lay.azimuth_samples
         # positions in samples of the slices: u counts twice their step
         turn = types.UInt(samples)
-        exchange = (a == b) & (p > q)  # as SliceReflectance orders equal elevations
+        exchange = (a == b) & (p > q)  # as SliceReflectance orders equal polar angles
         p, q = dr.select(exchange, q, p), dr.select(exchange, p, q)
         p, q = p * self.azimuth_ratio, q * self.azimuth_ratio
         u = dr.select(q >= p, q - p, q + turn - p)

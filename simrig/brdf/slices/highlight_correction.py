@@ -1,11 +1,11 @@
-"""What a prediction from axial and diagonal slices misses, spread over the grid of elevations.
+"""What a prediction from axial and diagonal slices misses, spread over the grid of polar angles.
 
-On horizontal slices the miss is known, and at measured elevations it is 0. Between them, away
-from equal elevations, it is s + t as in D.1. The cells of equal elevations are triangles between
-one horizontal slice, one vertical slice and the line θ_i = θ_v, where a mirror highlight lies and
-no slice runs. There the two slices are read at the same difference of elevations as the point,
-and along the line itself a cubic spline through the measured elevations bends the straight line
-of the prediction.
+On horizontal slices the miss is known, and at measured polar angles it is 0. Between them, away
+from equal polar angles, it is s + t as in D.1. The cells of equal polar angles are triangles
+between one horizontal slice, one vertical slice and the line θ_i = θ_v, where a mirror highlight
+lies and no slice runs. There the two slices are read at the same difference of polar angles as the
+point, and along the line itself a cubic spline through the measured polar angles bends the straight
+line of the prediction.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from simrig.core.arrays import Array
 
 
 def spread_over_nodes(layout: SliceLayout, missed: Array, bend: Array) -> Array:
-    """Return the correction at all pairs of elevations of the grid.
+    """Return the correction at all pairs of polar angles of the grid.
 
     Args:
         layout: where the slices lie.
-        missed: flat table of the shape of the horizontal slices, 0 at measured elevations.
-        bend: flat table (N, a_n + 1, 2·a_n + 1) of triples, along the line of equal elevations.
+        missed: flat table of the shape of the horizontal slices, 0 at measured polar angles.
+        bend: flat table (N, a_n + 1, 2·a_n + 1) of triples, along the line of equal polar angles.
 
     Returns:
         Flat table of triples, (node pairs, a_n + 1, 2·a_n + 1).
@@ -44,9 +44,9 @@ def spread_over_nodes(layout: SliceLayout, missed: Array, bend: Array) -> Array:
 def _node_terms(layout: SliceLayout, step: int) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Return for each kind of slice its weight at every pair of nodes, and the shift of its node.
 
-    Away from equal elevations the slices are read straight across. The triangle between equal
-    elevations is bordered by one horizontal and one vertical slice: they are read at the
-    difference of elevations of the pair, since a highlight depends on that.
+    Away from equal polar angles the slices are read straight across. The triangle between equal
+    polar angles is bordered by one horizontal and one vertical slice: they are read at the
+    difference of polar angles of the pair, since a highlight depends on that.
     """
     b, a, same, start, length = _triangles(layout)
     apart = b - a
@@ -61,12 +61,12 @@ def _node_terms(layout: SliceLayout, step: int) -> list[tuple[str, np.ndarray, n
 
 
 def mirror_bend(layout: SliceLayout) -> np.ndarray:
-    """Return the weights of measured elevations that make a line between them a cubic spline.
+    """Return the weights of measured polar angles that make a line between them a cubic spline.
 
-    The spline runs along θ_i = θ_v. All weights are 0 for fewer than three elevations.
+    The spline runs along θ_i = θ_v. All weights are 0 for fewer than three polar angles.
 
     Returns:
-        (N, e_n) weights by which the values at measured elevations enter at grid elevations.
+        (N, e_n) weights by which the values at measured polar angles enter at grid polar angles.
     """
     knots, nodes = layout.knots, layout.nodes
     if len(knots) < 3:
@@ -77,9 +77,9 @@ def mirror_bend(layout: SliceLayout) -> np.ndarray:
 
 
 def _mirror_terms(layout: SliceLayout) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return, for all pairs of nodes, two nodes of equal elevations and their weights.
+    """Return, for all pairs of nodes, two nodes of equal polar angles and their weights.
 
-    The correction fades with the square of the distance from equal elevations, as it would for
+    The correction fades with the square of the distance from equal polar angles, as it would for
     a quadratic function, and with it vanishes on the slices that border the triangle.
     """
     b, a, same, start, length = _triangles(layout)
@@ -96,9 +96,9 @@ def _mirror_terms(layout: SliceLayout) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _triangles(layout: SliceLayout) -> tuple[np.ndarray, ...]:
-    """Return for all pairs of nodes a <= b: b, a, whether one interval of measured elevations
+    """Return for all pairs of nodes a <= b: b, a, whether one interval of measured polar angles
     holds both, and the first node and the number of nodes of the interval that holds a."""
     b, a = np.tril_indices(layout.node_count)
-    (i, _), (v, _) = (layout.elevation_cell(layout.nodes[n]) for n in (a, b))
+    (i, _), (v, _) = (layout.theta_cell(layout.nodes[n]) for n in (a, b))
     knot_node = np.round(layout.node_position(layout.knots)).astype(int)
     return b, a, i == v, knot_node[i], np.diff(knot_node)[i]

@@ -1,25 +1,25 @@
 """Slices interpolated along highlights in four dimensions.
 
-The tables are those of ``SliceReflectance``. A value is predicted from the axial and diagonal
+The tables are those of ``SliceBrdf``. A value is predicted from the axial and diagonal
 slices of three subspaces around it, and corrected by what horizontal slices say.
 
-Prediction. The cell of four pairs of measured elevations is cut along θ_v − θ_i = const, because
-a mirror highlight lies at equal elevations: between (14°, 14°) and (28°, 28°) it is interpolated
+Prediction. The cell of four pairs of measured polar angles is cut along θ_v − θ_i = const, because
+a mirror highlight lies at equal polar angles: between (14°, 14°) and (28°, 28°) it is interpolated
 from these two, and the pair (14°, 28°), which does not see it, has no say (D.1 takes it in, with
 a negative weight where the slices miss the highlight: the dark hole). Across the cut the weights
-are quadratic in θ_v − θ_i, as is a highlight's tan² of the half vector's elevation. Every
+are quadratic in θ_v − θ_i, as is a highlight's tan² of the half vector's polar angle. Every
 subspace is read where the half vector points the same way: with
 
     tan²θ_h = tan²((θ_v − θ_i)/2) + (c cos d)²,   c = 2 √(sin θ_i sin θ_v) / (cos θ_i + cos θ_v),
 
 at the half difference d' with c' cot d' = c cot d, and at the mean azimuth m' of the same φ_h.
-At subspaces of equal elevations m' = m, since their φ_h jumps at the mirror direction.
+At subspaces of equal polar angles m' = m, since their φ_h jumps at the mirror direction.
 
 At θ_i = 0 the half vector's azimuth is that of the view: the value there is one whatever azimuth
 is named.
 
 Correction. Everything is done in g = log(1 + f / offset) (``along_highlights``). On a horizontal
-slice the prediction misses g by a known difference, 0 at measured elevations; these differences
+slice the prediction misses g by a known difference, 0 at measured polar angles; these differences
 are interpolated as s + t − 3c are in D.1. A difference of logarithms is a factor, so a highlight
 whose height was mispredicted is scaled, and no streak is added beside it.
 
@@ -45,22 +45,22 @@ from simrig.brdf.slices.along_highlights import (
 )
 from simrig.brdf.slices.highlight_correction import mirror_bend, spread_over_nodes
 from simrig.brdf.slices.layout import Reader, SliceLayout
-from simrig.brdf.slices.slices import SliceReflectance, Texels, azimuth_cell
+from simrig.brdf.slices.slices import SliceBrdf, Texels, azimuth_cell
 from simrig.brdf.tables.packed import pack_colours
 from simrig.core.arrays import Array, is_numpy, namespace, scale, vector_type
 from simrig.core.errors import SimrigError
 from simrig.directions import wrap_angle
 
 
-class HighlightSlices(SliceReflectance):
+class HighlightSlices(SliceBrdf):
     """Slices interpolated along lines of constant half vector.
 
     Args:
-        layout, corners, axial, diagonal, horizontal, name: as ``SliceReflectance``.
+        layout, corners, axial, diagonal, horizontal, name: as ``SliceBrdf``.
         offset: (3,) where values begin to be compared by ratio; by default from the slices.
 
     Raises:
-        SimrigError: as ``SliceReflectance``; an offset that is not positive.
+        SimrigError: as ``SliceBrdf``; an offset that is not positive.
     """
 
     kind = "highlight_slices"
@@ -100,9 +100,9 @@ class HighlightSlices(SliceReflectance):
         )
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> dict[str, Array]:
-        """Return the look-up layout: compressed slices, and the correction on elevation nodes.
+        """Return the look-up layout: compressed slices, and the correction on polar angle nodes.
 
-        ``between`` holds the correction for every pair of intersection azimuths and of elevations
+        ``between`` holds the correction for every pair of intersection azimuths and of polar angles
         of the grid, ``least`` the smallest value along all slices: no value is below. A look-up
         reads 64 colours of slices and 16 of the correction.
         """
@@ -139,15 +139,15 @@ class HighlightSlices(SliceReflectance):
         read = Reader(horizontal)
         theta_i, phi_i, theta_v, phi_v = (read.numbers(angle) for angle in angles)
         predicted = self._predicted(theta_i, phi_i, theta_v, phi_v, Texels(tables, theta_i))
-        bend = self._at_equal_elevations(tables, mirror_bend(lay))
+        bend = self._at_equal_thetas(tables, mirror_bend(lay))
         return spread_over_nodes(lay, horizontal - read.flat(predicted), bend)
 
-    def _at_equal_elevations(self, tables: Mapping[str, Array], bend: np.ndarray) -> Array:
-        """Return sums of measured subspaces of equal elevations, read at all equal nodes.
+    def _at_equal_thetas(self, tables: Mapping[str, Array], bend: np.ndarray) -> Array:
+        """Return sums of measured subspaces of equal polar angles, read at all equal nodes.
 
         Args:
             tables: compressed slices.
-            bend: (N, e_n) weight of every measured elevation at every node.
+            bend: (N, e_n) weight of every measured polar angle at every node.
 
         Returns:
             Flat table of triples, (N, a_n + 1, 2·a_n + 1).
@@ -157,7 +157,7 @@ class HighlightSlices(SliceReflectance):
         n, j, k = np.indices((lay.node_count, a_n + 1, 2 * a_n + 1)).reshape(3, -1)
         theta, m, d = (read.numbers(angle) for angle in (lay.nodes[n], half * k, half * j))
         texels, total = Texels(tables, theta), 0.0
-        for knot in range(lay.elevation_count):
+        for knot in range(lay.theta_count):
             here = read.same_index(knot, len(n))
             found = self._at_knots(here, here, theta, theta, m, d, texels)
             total = total + scale(found, read.numbers(bend[n, knot]))
@@ -189,9 +189,9 @@ class HighlightSlices(SliceReflectance):
         return value
 
     def _around(self, theta_i: Array, theta_v: Array) -> list[tuple[Array, Array, Array]]:
-        """Return four pairs of knots around a pair of elevations, and their weights."""
+        """Return four pairs of knots around a pair of polar angles, and their weights."""
         lay, xp = self.layout, namespace(theta_i)
-        (i, w), (v, z) = lay.elevation_cell(theta_i), lay.elevation_cell(theta_v)
+        (i, w), (v, z) = lay.theta_cell(theta_i), lay.theta_cell(theta_v)
         same = i == v
         k = lay.number(v, w) - lay.number(i, w)
         # the square of the difference grows by these shares of its steps k² to (k ± 1)²
@@ -220,7 +220,7 @@ class HighlightSlices(SliceReflectance):
         """Return g in a measured subspace where the half vector points as at the given pair."""
         lay, xp = self.layout, namespace(theta_i)
         own_i, own_v = (
-            xp.minimum(lay.number(knot, theta_i) * lay.elevation_step, lay.theta_max)
+            xp.minimum(lay.number(knot, theta_i) * lay.theta_step, lay.theta_max)
             for knot in (knot_i, knot_v)
         )
         sin_i, sin_v = xp.sin(own_i), xp.sin(own_v)

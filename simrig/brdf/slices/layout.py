@@ -1,7 +1,7 @@
 """The regular structure of the slice tables, and the index arithmetic on it.
 
-Names: e_n elevations (knots), a_n slices of one kind per subspace, M samples along the axial and
-diagonal slices, N along the horizontal ones (the nodes of the elevation grid).
+Names: e_n polar angles (knots), a_n slices of one kind per subspace, M samples along the axial and
+diagonal slices, N along the horizontal ones (the nodes of the polar angle grid).
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from simrig.core.arrays import (
 from simrig.core.errors import SimrigError
 
 
-def slice_elevations(elevation_step: float, theta_max: float) -> np.ndarray:
-    """Return the elevations of slices, (e_n,): multiples of the step, and theta_max (radians)."""
-    count = int(np.ceil(theta_max / elevation_step - 1e-9))
-    return np.append(np.arange(count) * elevation_step, theta_max)
+def slice_thetas(theta_step: float, theta_max: float) -> np.ndarray:
+    """Return the polar angles of slices, (e_n,): multiples of the step, and theta_max (radians)."""
+    count = int(np.ceil(theta_max / theta_step - 1e-9))
+    return np.append(np.arange(count) * theta_step, theta_max)
 
 
 @dataclass(frozen=True)
 class SliceLayout:
-    """Where the values of a slice reflectance lie.
+    """Where the values of a slice BRDF lie.
 
     Args:
         elevation_step: e_s, in radians.
         azimuth_step: a_s, in radians; 2π / a_n.
-        theta_max: largest elevation, in radians.
+        theta_max: largest polar angle, in radians.
         azimuth_samples: M, samples over 360° along axial and diagonal slices.
         node_count: N, samples from 0 to theta_max along horizontal slices.
         one_pole: give points near theta = 0 one value whatever azimuth is named there; without
             it D.1 is taken to the letter, where the value at the pole depends on that azimuth.
     """
 
-    elevation_step: float
+    theta_step: float
     azimuth_step: float
     theta_max: float
     azimuth_samples: int = 360
@@ -55,16 +55,16 @@ class SliceLayout:
     one_pole: bool = True
 
     def __post_init__(self) -> None:
-        steps = (self.elevation_step, self.azimuth_step, self.theta_max)
+        steps = (self.theta_step, self.azimuth_step, self.theta_max)
         sound = min(steps) > 0.0 and self.theta_max < np.pi / 2 and self.azimuth_step <= np.pi
-        if not sound or self.theta_max > 1e4 * self.elevation_step or self.azimuth_step < 1e-3:
+        if not sound or self.theta_max > 1e4 * self.theta_step or self.azimuth_step < 1e-3:
             raise SimrigError(f"impossible steps of a slice table (radians): {steps}")
         if self.azimuth_samples < 4 or self.node_count < 2:
-            raise SimrigError("a slice table needs at least 4 azimuth and 2 elevation samples")
-        if not self.regular_nodes and (self.node_count - 1) % (self.elevation_count - 1):
+            raise SimrigError("a slice table needs at least 4 azimuth and 2 polar angle samples")
+        if not self.regular_nodes and (self.node_count - 1) % (self.theta_count - 1):
             raise SimrigError(
-                f"{self.node_count} elevation samples do not meet all {self.elevation_count} "
-                "measured elevations"
+                f"{self.node_count} polar angle samples do not meet all {self.theta_count} "
+                "measured polar angles"
             )
 
     def as_dict(self) -> dict[str, Any]:
@@ -75,7 +75,7 @@ class SliceLayout:
     def from_dict(cls, values: Mapping[str, Any]) -> SliceLayout:
         """Rebuild from ``as_dict``."""
         return cls(
-            float(values["elevation_step"]),
+            float(values["theta_step"]),
             float(values["azimuth_step"]),
             float(values["theta_max"]),
             int(values["azimuth_samples"]),
@@ -85,11 +85,11 @@ class SliceLayout:
 
     @cached_property
     def knots(self) -> np.ndarray:
-        """Measured elevations in radians, (e_n,)."""
-        return slice_elevations(self.elevation_step, self.theta_max)
+        """Measured polar angles in radians, (e_n,)."""
+        return slice_thetas(self.theta_step, self.theta_max)
 
     @property
-    def elevation_count(self) -> int:
+    def theta_count(self) -> int:
         """e_n."""
         return len(self.knots)
 
@@ -101,7 +101,7 @@ class SliceLayout:
     @property
     def pair_count(self) -> int:
         """Number of subspaces with theta_i <= theta_v."""
-        return self.elevation_count * (self.elevation_count + 1) // 2
+        return self.theta_count * (self.theta_count + 1) // 2
 
     @cached_property
     def regular_nodes(self) -> bool:
@@ -114,20 +114,20 @@ class SliceLayout:
         """Elevations of the grid in radians, (N,); every knot is one of them."""
         if self.regular_nodes:
             return np.linspace(0.0, self.theta_max, self.node_count)
-        position = np.linspace(0.0, self.elevation_count - 1.0, self.node_count)
-        return np.interp(position, np.arange(self.elevation_count), self.knots)
+        position = np.linspace(0.0, self.theta_count - 1.0, self.node_count)
+        return np.interp(position, np.arange(self.theta_count), self.knots)
 
     def node_position(self, theta: Array) -> Array:
-        """Return where elevations in [0, theta_max] lie on the grid, in [0, N − 1]."""
+        """Return where polar angles in [0, theta_max] lie on the grid, in [0, N − 1]."""
         if self.regular_nodes:
             return theta * ((self.node_count - 1) / self.theta_max)
-        index, weight = self.elevation_cell(theta)
-        per_interval = (self.node_count - 1) // (self.elevation_count - 1)
+        index, weight = self.theta_cell(theta)
+        per_interval = (self.node_count - 1) // (self.theta_count - 1)
         return (self.number(index, theta) + weight) * per_interval
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the shapes of the stored arrays (thesis appendix D.4)."""
-        e_n, a_n, m = self.elevation_count, self.azimuth_count, self.azimuth_samples
+        e_n, a_n, m = self.theta_count, self.azimuth_count, self.azimuth_samples
         along = (self.pair_count, a_n + 1, m, 3)
         return {
             "corners": (self.pair_count, a_n + 1, 2 * a_n + 1, 3),
@@ -141,19 +141,19 @@ class SliceLayout:
         return _triangular(i, v, exchanged)
 
     def node_pair(self, a: Array, b: Array, exchanged: Array) -> Array:
-        """Return the number of a pair of grid elevations, or of its exchange."""
+        """Return the number of a pair of grid polar angles, or of its exchange."""
         return _triangular(a, b, exchanged)
 
-    def elevation_cell(self, theta: Array) -> tuple[Array, Array]:
-        """Return the knot interval of an elevation in [0, theta_max], and where in it, [0, 1]."""
+    def theta_cell(self, theta: Array) -> tuple[Array, Array]:
+        """Return the knot interval of a polar angle in [0, theta_max], and where in it, [0, 1]."""
         xp = namespace(theta)
-        last = self.elevation_count - 2
+        last = self.theta_count - 2
         # the last interval can be shorter; a hair more keeps knots in the interval they begin
-        index = xp.minimum(to_index(theta * ((1.0 + 1e-7) / self.elevation_step)), last)
-        start = self.number(index, theta) * self.elevation_step
-        rest = self.theta_max - last * self.elevation_step
+        index = xp.minimum(to_index(theta * ((1.0 + 1e-7) / self.theta_step)), last)
+        start = self.number(index, theta) * self.theta_step
+        rest = self.theta_max - last * self.theta_step
         # two literals would make Dr.Jit select in single precision
-        width = xp.select(index == last, 0.0 * theta + rest, self.elevation_step)
+        width = xp.select(index == last, 0.0 * theta + rest, self.theta_step)
         return index, xp.clip((theta - start) / width, 0.0, 1.0)
 
     @staticmethod
@@ -163,10 +163,10 @@ class SliceLayout:
 
     @cached_property
     def surface_terms(self) -> dict[str, np.ndarray]:
-        """Indices and weights that turn slices and intersections into elevation surfaces."""
+        """Indices and weights that turn slices and intersections into polar angle surfaces."""
         a_n, turn = self.azimuth_count, 2 * self.azimuth_count
         b, a = np.array([(b, a) for b in range(self.node_count) for a in range(b + 1)]).T
-        (i, w), (v, z) = (self.elevation_cell(self.nodes[n]) for n in (a, b))
+        (i, w), (v, z) = (self.theta_cell(self.nodes[n]) for n in (a, b))
         j, k = np.indices((a_n + 1, turn + 1)).reshape(2, -1)
         # rows beyond the last axial slice continue on the first one, half a turn on
         j_own, k_own = np.where(j == a_n, 0, j), np.where(j == a_n, (k + a_n) % turn, k)
@@ -198,9 +198,9 @@ class SliceLayout:
         }
 
     def surfaces(self, data: Mapping[str, Array], horizontal: bool) -> tuple[Array, Array]:
-        """Return the elevation surfaces s + t − 3c and the lowest s, t of every cell.
+        """Return the polar angle surfaces s + t − 3c and the lowest s, t of every cell.
 
-        At knots and grid elevations s + t − 3c of D.1 is reproduced exactly; the weight of
+        At knots and grid polar angles s + t − 3c of D.1 is reproduced exactly; the weight of
         intersections at the pole is left out, because p is the exact value there.
 
         Returns:
@@ -225,7 +225,7 @@ class SliceLayout:
                     value = read.colours("horizontal", data, terms[key][step])
                     lowest = value if lowest is None else namespace(value).minimum(lowest, value)
                     total = total + scale(value, read.repeat(weight, cells))
-        else:  # nothing along the elevations: no lower bound from there
+        else:  # nothing along the polar angles: no lower bound from there
             lowest = read.colours("corners", data, terms["corners"][0]) * 0.0 + 3.0e38
         grid = np.arange(nodes * cells).reshape(nodes, a_n + 1, turn + 1)
         around = [grid[:, r : r + a_n, c : c + turn].ravel() for r in (0, 1) for c in (0, 1)]

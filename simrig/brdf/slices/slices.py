@@ -1,4 +1,4 @@
-"""A reflectance that is known along one-dimensional slices (thesis sections 5.3, D.1 and D.4).
+"""A BRDF that is known along one-dimensional slices (thesis sections 5.3, D.1 and D.4).
 
 The value at any point of the four-dimensional space is interpolated between the slices that
 surround it:
@@ -8,7 +8,7 @@ surround it:
 with p, q, s, t the axial, diagonal, horizontal and vertical slices, each interpolated linearly in
 the three dimensions across it, and c the intersections, interpolated in all four.
 
-Coordinates. In the subspace of two elevations, u = φ_v − φ_i and the mean azimuth
+Coordinates. In the subspace of two polar angles, u = φ_v − φ_i and the mean azimuth
 m = φ_i + u/2 = (φ_i + φ_v)/2 run across and along the axial slices; the cell of a point is the
 rectangle between the axial rows j, j + 1 and the diagonal rows k, k + 1. When light and view
 change places, u becomes −u, which flips rows and positions. Only theta_i <= theta_v is stored.
@@ -26,7 +26,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.brdf.slices.layout import SliceLayout
 from simrig.brdf.tables.packed import gather_packed, pack_colours
 from simrig.core.arrays import (
@@ -44,11 +44,11 @@ from simrig.core.errors import SimrigError
 from simrig.directions import to_angles, wrap_angle
 
 
-class SliceReflectance(Reflectance):
+class SliceBrdf(Brdf):
     """Reflectance reconstructed from slices, in the compact layout of thesis appendix D.4.
 
     Args:
-        layout: the regular structure (elevations, azimuth step, resolutions).
+        layout: the regular structure (polar angles, azimuth step, resolutions).
         corners: (pairs, a_n + 1, 2·a_n + 1, 3) values at the intersections.
         axial: (pairs, a_n + 1, M, 3) pre-interpolated axial slices over the mean azimuth.
         diagonal: (pairs, a_n + 1, M, 3) diagonal slices over half the azimuth difference.
@@ -62,7 +62,7 @@ class SliceReflectance(Reflectance):
 
     kind = "slices"
     reciprocal = True
-    bilinear = True  # in the two elevations, between the nodes of their grid
+    bilinear = True  # in the two polar angles, between the nodes of their grid
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class SliceReflectance(Reflectance):
             if array.shape != shapes[key]:
                 raise SimrigError(f"'{key}' must have shape {shapes[key]}, got {array.shape}")
             if not np.all(np.isfinite(array)) or array.min() < 0.0:
-                raise SimrigError(f"'{key}' of a slice reflectance holds negative or NaN values")
+                raise SimrigError(f"'{key}' of a slice BRDF holds negative or NaN values")
 
     @property
     def has_horizontal(self) -> bool:
@@ -95,13 +95,13 @@ class SliceReflectance(Reflectance):
         return self._arrays
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that rebuild the reflectance together with ``data()``."""
+        """Return the plain values that reconstruct the BRDF together with ``data()``."""
         return self.layout.as_dict()
 
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> SliceReflectance:
+    ) -> SliceBrdf:
         """Rebuild from ``structure()`` and ``data()``."""
         layout = SliceLayout.from_dict(structure)
         return cls(
@@ -114,10 +114,10 @@ class SliceReflectance(Reflectance):
         return sum(array.nbytes for array in self._arrays.values())
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> dict[str, Array]:
-        """Return the look-up layout: slices, elevation surfaces, lowest values.
+        """Return the look-up layout: slices, polar angle surfaces, lowest values.
 
         ``between`` holds, for every pair of intersection azimuths and a regular grid of both
-        elevations, s + t − 3c; look-ups then need 48 colours instead of 80. ``floor`` holds the
+        polar angles, s + t − 3c; look-ups then need 48 colours instead of 80. ``floor`` holds the
         lowest s and t around each cell. All of it is linear in the data (but for ``floor``), so
         derivatives pass through.
         """
@@ -166,8 +166,8 @@ class SliceReflectance(Reflectance):
         a_n = lay.azimuth_count
         theta_i, phi_i, theta_v, phi_v = self._stored_half(theta_i, phi_i, theta_v, phi_v)
         m, j, y, k, x, b, d = azimuth_cell(phi_i, phi_v, a_n)
-        i, w = lay.elevation_cell(theta_i)
-        v, z = lay.elevation_cell(theta_v)
+        i, w = lay.theta_cell(theta_i)
+        v, z = lay.theta_cell(theta_v)
 
         value: Array = None
         lowest = texels("floor", self._floor_index(theta_i, theta_v, j, k))
@@ -203,7 +203,7 @@ class SliceReflectance(Reflectance):
     ) -> tuple[Array, Array, Array, Array]:
         """Return the pair, or its exchange, that is stored: theta_i <= theta_v <= theta_max.
 
-        Equal elevations are ordered by azimuth, so that reciprocity holds to the bit.
+        Equal polar angles are ordered by azimuth, so that reciprocity holds to the bit.
         """
         xp, top = namespace(theta_i), self.layout.theta_max
         exchange = (theta_i > theta_v) | ((theta_i == theta_v) & (phi_i > phi_v))
@@ -218,7 +218,7 @@ class SliceReflectance(Reflectance):
         return along_slice(lambda index: texels(key, index), start, place, count)
 
     def _floor_index(self, theta_i: Array, theta_v: Array, j: Array, k: Array) -> Array:
-        """Return where the lowest value around the nearest node of the elevation grid lies."""
+        """Return where the lowest value around the nearest node of the polar angle grid lies."""
         lay = self.layout
         a, b = (to_index(lay.node_position(t) + 0.5) for t in (theta_i, theta_v))
         return (lay.node_pair(a, b, False) * lay.azimuth_count + j) * 2 * lay.azimuth_count + k
@@ -232,7 +232,7 @@ class SliceReflectance(Reflectance):
         phi_v: Array,
         where: tuple[Array, Array, Array, Array],
     ) -> Array:
-        """Return s + t − 3c at a point: bilinear in both elevations and both azimuth rows."""
+        """Return s + t − 3c at a point: bilinear in both polar angles and both azimuth rows."""
         lay, xp = self.layout, namespace(theta_i)
         a_n, last = lay.azimuth_count, lay.node_count - 1
         j, y, k, x = where

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from simrig.brdf.checks import check_values
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.brdf.tables.grid import grid_sizes
 from simrig.brdf.tables.packed import prepare_table, read_colour
 from simrig.core.arrays import Array, is_numpy, scale, where_colour
@@ -19,7 +19,7 @@ from simrig.directions.spherical import to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
 
 
-class BarycentricReflectance(Reflectance):
+class BarycentricBrdf(Brdf):
     """Values at all pairs of n directions, interpolated on the triangulated hemisphere.
 
     Illumination and view each lie in one spherical triangle of measured directions; the value is
@@ -76,7 +76,7 @@ class BarycentricReflectance(Reflectance):
         return {"values": self.values}
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that rebuild it together with ``data()``."""
+        """Return the plain values that reconstruct it together with ``data()``."""
         return {
             "theta": self.theta.tolist(),
             "phi": self.phi.tolist(),
@@ -86,7 +86,7 @@ class BarycentricReflectance(Reflectance):
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> BarycentricReflectance:
+    ) -> BarycentricBrdf:
         """Rebuild it from ``structure()`` and ``data()``."""
         return cls(
             np.asarray(structure["theta"], dtype=np.float64),

@@ -1,4 +1,4 @@
-"""A four-dimensional table of reflectance over elevations and azimuths."""
+"""A four-dimensional table of BRDF over polar angles and azimuths."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 from simrig.brdf.checks import check_values
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.brdf.tables.packed import prepare_table, read_colour
 from simrig.core.arrays import Array, components, is_numpy, namespace, scale, to_index, where_colour
 from simrig.core.errors import SimrigError, unknown_name
@@ -19,10 +19,10 @@ BEYOND = ("hold", "fade")
 _LARGEST_TABLE = 2**31 // 3  # colours that 32-bit indices of single channels can reach
 
 
-class DenseTable(Reflectance):
+class DenseTable(Brdf):
     """Quadrilinear interpolation in a table over (theta_i, theta_v, phi_i, phi_v).
 
-    Elevations of the nodes are 0, step, 2·step, ... and last theta_max, whose interval may be
+    Polar angles of the nodes are 0, step, 2·step, ... and last theta_max, whose interval may be
     shorter than the step. Azimuths are regular over the full circle and wrap without a seam. The
     table is exact at its nodes, never negative, and need not be reciprocal: its order is
     illumination, then view. A direction at theta = 0 has no azimuth, so values stored there for
@@ -31,8 +31,8 @@ class DenseTable(Reflectance):
     Args:
         values: shape (n_theta, n_theta, n_phi_i, n_phi_v, 3), linear RGB in 1/sr, float32 or
             float64, finite and >= 0. Kept without a copy where nothing has to be changed.
-        theta_step: step of the elevations, in radians.
-        theta_max: last elevation, in radians; by default (n_theta - 1) · theta_step.
+        theta_step: step of the polar angles, in radians.
+        theta_max: last polar angle, in radians; by default (n_theta - 1) · theta_step.
         beyond: what a direction between theta_max and the horizon gets: ``"hold"`` the value
             at theta_max, ``"fade"`` that value times cos(theta) / cos(theta_max).
         reciprocal: whether the table equals its transpose; ``None`` looks.
@@ -61,7 +61,7 @@ class DenseTable(Reflectance):
             raise unknown_name("behaviour beyond theta_max", beyond, BEYOND)
         n_theta = values.shape[0]
         theta_max = (n_theta - 1) * theta_step if theta_max is None else theta_max
-        _check_elevations(n_theta, theta_step, theta_max)
+        _check_thetas(n_theta, theta_step, theta_max)
         check_values(values, f"table '{name}'")
         self.values = _with_single_pole(values)
         self.theta_step, self.theta_max = float(theta_step), float(theta_max)
@@ -69,7 +69,7 @@ class DenseTable(Reflectance):
         self.reciprocal = _is_reciprocal(self.values) if reciprocal is None else bool(reciprocal)
 
     @property
-    def elevations(self) -> np.ndarray:
+    def thetas(self) -> np.ndarray:
         """Elevations of the nodes in radians, shape (n_theta,)."""
         regular = np.arange(self.values.shape[0] - 1) * self.theta_step
         return np.append(regular, self.theta_max)
@@ -84,7 +84,7 @@ class DenseTable(Reflectance):
         return {"values": self.values}
 
     def structure(self) -> dict[str, float | int | str | bool | list]:
-        """Return the plain values that rebuild the table together with ``data()``."""
+        """Return the plain values that reconstruct the table together with ``data()``."""
         return {
             "theta_step": self.theta_step,
             "theta_max": self.theta_max,
@@ -114,8 +114,8 @@ class DenseTable(Reflectance):
     def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
         data = self._data_for(wi, data)
         n_theta, _, n_phi_i, n_phi_v, _ = self.values.shape
-        rows_i, faded_i = self._elevation(wi)
-        rows_v, faded_v = self._elevation(wv)
+        rows_i, faded_i = self._theta(wi)
+        rows_v, faded_v = self._theta(wv)
         columns_i, columns_v = _azimuth_nodes(wi, n_phi_i), _azimuth_nodes(wv, n_phi_v)
         active = above_horizon(wi, wv)
         if is_numpy(active):  # a NaN direction must not become an index
@@ -146,7 +146,7 @@ class DenseTable(Reflectance):
             value = _multiply_add(inner, block_weight, value)
         return value if is_numpy(value) else type(like)(value)
 
-    def _elevation(self, direction: Array) -> tuple[list[tuple[Array, Array]], Array]:
+    def _theta(self, direction: Array) -> tuple[list[tuple[Array, Array]], Array]:
         """Return the two rows with their weights, and the fading factor (None without)."""
         x, y, z = components(direction)
         xp = namespace(x)
@@ -197,18 +197,18 @@ def _check_shape(shape: tuple[int, ...]) -> None:
     if len(shape) != 5 or shape[4] != 3 or shape[0] != shape[1] or shape[0] < 2 or 0 in shape:
         raise SimrigError(
             "a table must have shape (n_theta, n_theta, n_phi_i, n_phi_v, 3) with at least two "
-            f"elevations, got {shape}"
+            f"polar angles, got {shape}"
         )
     if int(np.prod(shape[:4], dtype=object)) >= _LARGEST_TABLE:
         raise SimrigError(f"a table of shape {shape} is too large for 32-bit indices")
 
 
-def _check_elevations(n_theta: int, theta_step: float, theta_max: float) -> None:
+def _check_thetas(n_theta: int, theta_step: float, theta_max: float) -> None:
     before_last = (n_theta - 2) * theta_step
     valid = np.isfinite(theta_step) and theta_step > 0.0 and before_last < theta_max
     if not valid or theta_max > np.pi / 2 + 1e-9 or theta_max > before_last + theta_step * 1.001:
         raise SimrigError(
-            f"{n_theta} elevations with a step of {np.degrees(theta_step):g}° cannot end at "
+            f"{n_theta} polar angles with a step of {np.degrees(theta_step):g}° cannot end at "
             f"{np.degrees(theta_max):g}°: the last must be above {np.degrees(before_last):g}°, "
             f"at most one step further and at most 90°"
         )

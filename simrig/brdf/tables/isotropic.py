@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.checks import check_values
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.brdf.tables.packed import prepare_table, read_colour
 from simrig.core.arrays import Array, is_numpy, namespace, scale, to_index, where_colour
 from simrig.core.errors import SimrigError, unknown_name
@@ -19,7 +19,7 @@ LOOKUPS = ("linear", "nearest")
 MERL_SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d
 
 
-class IsotropicTable(Reflectance):
+class IsotropicTable(Brdf):
     """A table over (theta_h, theta_d, phi_d) as in the MERL database (Matusik et al. 2003).
 
     theta_h has bins of equal size in sqrt(theta_h), so that they are finest at the highlight;
@@ -34,7 +34,7 @@ class IsotropicTable(Reflectance):
         values: shape (n_theta_h, n_theta_d, n_phi_d, 3), linear RGB in 1/sr, finite and >= 0;
             MERL's is (90, 90, 180, 3).
         lookup: ``"linear"`` or ``"nearest"``.
-        theta_max: largest elevation that the data cover, in radians. Only a statement: the
+        theta_max: largest polar angle that the data cover, in radians. Only a statement: the
             table has values for every pair of directions.
         reciprocal: whether phi_d covers half a turn (MERL) or a full one.
 
@@ -71,7 +71,7 @@ class IsotropicTable(Reflectance):
         return {"values": self.values}
 
     def structure(self) -> dict[str, float | int | str | bool | list]:
-        """Return the plain values that rebuild the table together with ``data()``."""
+        """Return the plain values that reconstruct the table together with ``data()``."""
         return {
             "lookup": self.lookup,
             "theta_max": self.theta_max,

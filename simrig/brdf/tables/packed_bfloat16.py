@@ -23,7 +23,7 @@ _HALF = 1 << 15
 _LARGEST = 0x7F800000 - 1 - _HALF  # rounding up from here would reach infinity
 
 
-def pack_eights(values: Array) -> Array:
+def pack_bfloat16(values: Array) -> Array:
     """Pack a flat Dr.Jit float32 table, a multiple of eight long and finite, into 32-bit words."""
     uint: Any = dr.uint32_array_t(type(values))
     word: Any = dr.reinterpret_array(uint, dr.detach(values))
@@ -38,7 +38,7 @@ def gather_eight(source: Array, index: Array, active: Array = True) -> Array:
     """Read group number ``index`` of eight numbers.
 
     Args:
-        source: a flat table of floats, or Dr.Jit words of ``pack_eights``.
+        source: a flat table of floats, or Dr.Jit words of ``pack_bfloat16``.
         index: in range (Dr.Jit does not check).
         active: mask of Dr.Jit look-ups.
 

@@ -17,8 +17,8 @@ from typing import Protocol
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, above_horizon
-from simrig.brdf.tables.scattered import limit_elevation
+from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.tables.scattered import limit_theta
 from simrig.core.arrays import Array, float_type, is_numpy, where_colour
 from simrig.core.errors import SimrigError
 from simrig.directions.onion import to_onion
@@ -26,7 +26,7 @@ from simrig.directions.spherical import to_angles
 
 BAND = float(np.radians(2.0))  # the halves are blended where |theta_v - theta_i| is below
 
-Told = Callable[[int], None]
+Progress = Callable[[int], None]
 
 
 class Spline(Protocol):
@@ -37,12 +37,12 @@ class Spline(Protocol):
         """Size of what it keeps, in bytes."""
 
     def __call__(
-        self, points: np.ndarray, float_type: type | None = None, told: Told | None = None
+        self, points: np.ndarray, float_type: type | None = None, told: Progress | None = None
     ) -> np.ndarray:
         """Return (p, 3) at points (p, 4); ``told`` hears how many are done."""
 
 
-class RbfReflectance(Reflectance):
+class RbfBrdf(Brdf):
     """An interpolation by radial basis functions; values never leave the samples' range.
 
     It evaluates host arrays and Dr.Jit arrays outside of kernels: what it sums over thousands of
@@ -54,7 +54,7 @@ class RbfReflectance(Reflectance):
             and the same for a reciprocal material.
         low, high: range of the samples per channel, in 1/sr, each (3,).
         floor: if given, per channel, the splines interpolate log(f_r + floor).
-        theta_max: largest elevation of the samples, in radians; beyond it the value is held.
+        theta_max: largest polar angle of the samples, in radians; beyond it the value is held.
         name: what reports call it.
     """
 
@@ -123,7 +123,7 @@ class RbfReflectance(Reflectance):
         """
         known = np.isfinite(wi).all(axis=1) & np.isfinite(wv).all(axis=1)
         wi, wv = (np.where(known[:, None], w, (0.0, 0.0, 1.0)) for w in (wi, wv))
-        wi, wv = (limit_elevation(w, self.theta_max) for w in (wi, wv))
+        wi, wv = (limit_theta(w, self.theta_max) for w in (wi, wv))
         ahead = 0.5 + 0.5 * (to_angles(wv)[0] - to_angles(wi)[0]) / BAND
         share = np.clip(ahead, 0.0, 1.0)
         parts = [(wi, wv, share), (wv, wi, 1.0 - share)]

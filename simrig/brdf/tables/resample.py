@@ -1,4 +1,4 @@
-"""Any reflectance as a table, and how far the table is from it."""
+"""Any BRDF as a table, and how far the table is from it."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, evaluate
+from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable, bin_directions, fill_invalid
 from simrig.directions.spherical import to_vector
 
 # A table's nodes at the horizon are evaluated just above it, where f_r has its limit
 _HORIZON = float(np.radians(89.9))
-# Smallest cosine at which a bin of the half-difference table is evaluated (elevation 89.4°)
+# Smallest cosine at which a bin of the half-difference table is evaluated (polar angle 89.4°)
 _SMALLEST_COSINE = 0.01
 _CHUNK = 1 << 18  # direction pairs evaluated at once, to bound the memory
 
 
 @dataclass(frozen=True)
 class ResamplingError:
-    """How far a resampled reflectance is from the original, over random direction pairs.
+    """How far a resampled BRDF is from the original, over random direction pairs.
 
     Attributes:
         mean_relative: mean of |f - f'| / f over pairs and channels. Where f is below a
@@ -51,9 +51,9 @@ class ResamplingError:
 
 
 def resampling_error(
-    original: Reflectance, resampled: Reflectance, pairs: int = 20_000, seed: int = 0
+    original: Brdf, resampled: Brdf, pairs: int = 20_000, seed: int = 0
 ) -> ResamplingError:
-    """Compare two reflectances over random pairs of directions where both have data.
+    """Compare two BRDFs over random pairs of directions where both have data.
 
     Directions are uniform over the solid angle up to the smaller theta_max, at most 89°.
     """
@@ -80,13 +80,13 @@ def _random_directions(rng: np.random.Generator, count: int, lowest: float) -> n
     return to_vector(np.arccos(cosine), rng.uniform(0.0, 2.0 * np.pi, count))
 
 
-def is_isotropic(reflectance: Reflectance, tolerance: float = 1e-6) -> bool:
+def is_isotropic(brdf: Brdf, tolerance: float = 1e-6) -> bool:
     """Return whether turning both directions about the normal changes nothing (200 pairs)."""
     rng = np.random.default_rng(1)
     wi, wv = (_random_directions(rng, 200, 0.1) for _ in range(2))
     angle = rng.uniform(0.0, 2.0 * np.pi, 200)
-    turned = evaluate(reflectance, turn(wi, angle), turn(wv, angle))
-    return bool(np.allclose(evaluate(reflectance, wi, wv), turned, rtol=tolerance, atol=1e-12))
+    turned = evaluate(brdf, turn(wi, angle), turn(wv, angle))
+    return bool(np.allclose(evaluate(brdf, wi, wv), turned, rtol=tolerance, atol=1e-12))
 
 
 def turn(direction: np.ndarray, angle: np.ndarray | float) -> np.ndarray:
@@ -98,7 +98,7 @@ def turn(direction: np.ndarray, angle: np.ndarray | float) -> np.ndarray:
 
 
 def resample_dense(
-    reflectance: Reflectance,
+    brdf: Brdf,
     theta_step: float,
     n_phi: int,
     theta_max: float | None = None,
@@ -106,76 +106,76 @@ def resample_dense(
     float_type: type | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DenseTable:
-    """Tabulate any reflectance on a regular grid of elevations and azimuths.
+    """Tabulate any BRDF on a regular grid of polar angles and azimuths.
 
-    Of a reciprocal one, each pair of elevations is evaluated in one order.
+    Of a reciprocal one, each pair of polar angles is evaluated in one order.
 
     Args:
-        reflectance: what to tabulate.
-        theta_step: step of the elevations, in radians.
+        brdf: what to tabulate.
+        theta_step: step of the polar angles, in radians.
         n_phi: azimuths over the full circle, of illumination and of view.
-        theta_max: last elevation, in radians; by default that of the reflectance. Nodes at the
+        theta_max: last polar angle, in radians; by default that of the BRDF. Nodes at the
             horizon are evaluated at 89.9°.
         dtype: type of the table.
         float_type: what to evaluate in (see ``evaluate``); by default NumPy float64.
-        progress: called with the pairs of elevations done and in total.
+        progress: called with the pairs of polar angles done and in total.
     """
-    theta_max = reflectance.theta_max if theta_max is None else theta_max
+    theta_max = brdf.theta_max if theta_max is None else theta_max
     n_theta = max(int(np.ceil(theta_max / theta_step - 1e-6)), 1) + 1
-    elevations = np.append(np.arange(n_theta - 1) * theta_step, theta_max)
-    elevations = np.minimum(elevations, _HORIZON)
+    thetas = np.append(np.arange(n_theta - 1) * theta_step, theta_max)
+    thetas = np.minimum(thetas, _HORIZON)
     phi = 2.0 * np.pi / n_phi * np.arange(n_phi)
     values: np.ndarray = np.empty((n_theta, n_theta, n_phi, n_phi, 3), dtype=dtype)
-    directions = to_vector(elevations[:, None], phi[None, :])  # (n_theta, n_phi, 3)
+    directions = to_vector(thetas[:, None], phi[None, :])  # (n_theta, n_phi, 3)
     rows, columns = np.indices((n_theta, n_theta)).reshape(2, -1)
-    if reflectance.reciprocal:
+    if brdf.reciprocal:
         rows, columns = np.triu_indices(n_theta)
     for done, (row, column) in enumerate(zip(rows, columns, strict=True), start=1):
         wi, wv = directions[row][:, None, :], directions[column][None, :, :]
-        values[row, column] = evaluate(reflectance, wi, wv, float_type)
-        if reflectance.reciprocal:
+        values[row, column] = evaluate(brdf, wi, wv, float_type)
+        if brdf.reciprocal:
             values[column, row] = values[row, column].swapaxes(0, 1)
         if progress is not None:
             progress(done, len(rows))
-    reciprocal = True if reflectance.reciprocal else None
-    return DenseTable(values, theta_step, theta_max, reciprocal=reciprocal, name=reflectance.name)
+    reciprocal = True if brdf.reciprocal else None
+    return DenseTable(values, theta_step, theta_max, reciprocal=reciprocal, name=brdf.name)
 
 
 def resample_isotropic(
-    reflectance: Reflectance, shape: tuple[int, int, int] = MERL_SHAPE, rotations: int = 12
+    brdf: Brdf, shape: tuple[int, int, int] = MERL_SHAPE, rotations: int = 12
 ) -> IsotropicTable:
-    """Tabulate any reflectance in the half-difference parameterisation.
+    """Tabulate any BRDF in the half-difference parameterisation.
 
-    An anisotropic reflectance is averaged over rotations about the normal, and a reflectance
+    An anisotropic BRDF is averaged over rotations about the normal, and a BRDF
     that is not reciprocal over both orders of the directions. Bins with a direction at or below
     the horizon take the value of the nearest bin above it.
 
     Args:
-        reflectance: what to tabulate.
+        brdf: what to tabulate.
         shape: bins of theta_h, theta_d and phi_d.
-        rotations: rotations averaged for an anisotropic reflectance.
+        rotations: rotations averaged for an anisotropic BRDF.
     """
     wi, wv = (direction.reshape(-1, 3) for direction in bin_directions(shape))
     valid = np.minimum(wi[:, 2], wv[:, 2]) >= _SMALLEST_COSINE
     angles = [0.0]
-    if not is_isotropic(reflectance):
+    if not is_isotropic(brdf):
         angles = list(2.0 * np.pi * np.arange(rotations) / rotations)
-    orders = [(wi[valid], wv[valid])]
-    if not reflectance.reciprocal:
-        orders.append((wv[valid], wi[valid]))
+    bounces = [(wi[valid], wv[valid])]
+    if not brdf.reciprocal:
+        bounces.append((wv[valid], wi[valid]))
     mean = np.zeros((int(valid.sum()), 3))
-    for first, second in orders:
+    for first, second in bounces:
         for angle in angles:
-            mean += _evaluate_in_chunks(reflectance, turn(first, angle), turn(second, angle))
+            mean += _evaluate_in_chunks(brdf, turn(first, angle), turn(second, angle))
     values = np.zeros((len(valid), 3))
-    values[valid] = mean / (len(orders) * len(angles))
+    values[valid] = mean / (len(bounces) * len(angles))
     filled = fill_invalid(values.reshape(*shape, 3), valid.reshape(shape))
-    return IsotropicTable(filled, theta_max=reflectance.theta_max, name=reflectance.name)
+    return IsotropicTable(filled, theta_max=brdf.theta_max, name=brdf.name)
 
 
-def _evaluate_in_chunks(reflectance: Reflectance, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
+def _evaluate_in_chunks(brdf: Brdf, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
     out = np.empty((len(wi), 3))
     for start in range(0, len(wi), _CHUNK):
         part = slice(start, start + _CHUNK)
-        out[part] = evaluate(reflectance, wi[part], wv[part])
+        out[part] = evaluate(brdf, wi[part], wv[part])
     return out

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, above_horizon
+from simrig.brdf.protocol import Brdf, above_horizon
 from simrig.brdf.tables.warp2d import cell, distribution, interpolate, invert, single, stack_at
 from simrig.core.arrays import (
     Array,
@@ -25,8 +25,8 @@ from simrig.core.errors import SimrigError
 _SMALLEST_COSINE = 1e-6
 
 
-class RglReflectance(Reflectance):
-    """A measured or converted reflectance as Dupuy and Jakob 2018 store it.
+class RglBrdf(Brdf):
+    """A measured or converted BRDF as Dupuy and Jakob 2018 store it.
 
     f_r · cos = rgb(s) · D(m) / (4 σ(ω)), where m is the half vector, D a normal distribution, σ
     its projected area, and s the uniform sample that the distribution of visible normals of ω
@@ -38,9 +38,9 @@ class RglReflectance(Reflectance):
 
     Args:
         phi_nodes: azimuths of ω with tables, radians, increasing; one or two: isotropic. When
-            they span half a turn, the reflectance repeats after half a turn; a quarter: it is
+            they span half a turn, the BRDF repeats after half a turn; a quarter: it is
             mirror symmetric in x and in y.
-        theta_nodes: elevations of ω with tables, radians, increasing.
+        theta_nodes: polar angles of ω with tables, radians, increasing.
         ndf: D, shape (n_phi_m, n_theta_m) over phi and sqrt(theta); both ends included.
         sigma: σ, the same form.
         vndf: density of visible normals, shape (n_phi, n_theta, height, width).
@@ -95,7 +95,7 @@ class RglReflectance(Reflectance):
         return self._tables
 
     def structure(self) -> dict[str, float | int | str | bool | list]:
-        """Return the plain values that rebuild the reflectance together with ``data()``."""
+        """Return the plain values that reconstruct the BRDF together with ``data()``."""
         return {
             "phi_nodes": list(self.phi_nodes),
             "theta_nodes": list(self.theta_nodes),
@@ -105,8 +105,8 @@ class RglReflectance(Reflectance):
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> RglReflectance:
-        """Rebuild a reflectance from ``structure()`` and ``data()``."""
+    ) -> RglBrdf:
+        """Rebuild a BRDF from ``structure()`` and ``data()``."""
         return cls(
             list(structure["phi_nodes"]),
             list(structure["theta_nodes"]),
@@ -125,7 +125,7 @@ class RglReflectance(Reflectance):
         xp = namespace(light[0])
         theta, phi = _angles(*view)
         theta_m, phi_m = _angles(*(a + b for a, b in zip(light, view, strict=True)))
-        x = elevation_to_unit(theta_m)
+        x = theta_to_unit(theta_m)
         y = azimuth_to_unit(phi_m - phi if self.isotropic else phi_m)
         y = y - xp.floor(y)
         if is_numpy(active):  # a NaN direction must not become an index
@@ -139,7 +139,7 @@ class RglReflectance(Reflectance):
         if self.jacobian:
             one = single(x)
             normals = interpolate(data["ndf"], one, tables["ndf"].shape, x, y)
-            unit = (elevation_to_unit(theta), azimuth_to_unit(phi))
+            unit = (theta_to_unit(theta), azimuth_to_unit(phi))
             area = interpolate(data["sigma"], one, tables["sigma"].shape, *unit)
             factor = factor * normals / (4.0 * xp.maximum(area, 1e-30))
         colour = self._colour(data["rgb"], stack, u, v, wi)
@@ -182,8 +182,8 @@ class RglReflectance(Reflectance):
         return type(like)(*(xp.maximum(channel, 0.0) for channel in components(total)))
 
 
-def elevation_to_unit(theta: Array) -> Array:
-    """Map an elevation in [0, π/2] to [0, 1], finest at the normal."""
+def theta_to_unit(theta: Array) -> Array:
+    """Map a polar angle in [0, π/2] to [0, 1], finest at the normal."""
     return namespace(theta).sqrt(theta * (2.0 / np.pi))
 
 
@@ -200,7 +200,7 @@ def _angles(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
 
 def _check_nodes(what: str, nodes: tuple[float, ...]) -> None:
     if not nodes or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0.0):
-        raise SimrigError(f"the nodes {what} of an RGL reflectance must increase, got {nodes}")
+        raise SimrigError(f"the nodes {what} of an RGL BRDF must increase, got {nodes}")
 
 
 def _check_tables(phi: tuple, theta: tuple, *tables: np.ndarray) -> None:
@@ -214,13 +214,11 @@ def _check_tables(phi: tuple, theta: tuple, *tables: np.ndarray) -> None:
         and min(*ndf.shape, *sigma.shape, *vndf.shape[2:], *rgb.shape[2:4]) >= 2
     )
     if not fits:
-        raise SimrigError(f"the tables of an RGL reflectance do not fit {counts} nodes: {shapes}")
+        raise SimrigError(f"the tables of an RGL BRDF do not fit {counts} nodes: {shapes}")
     for name, table in zip(("ndf", "sigma", "vndf", "rgb"), (ndf, sigma, vndf, rgb), strict=True):
         if not np.all(np.isfinite(table)):
-            raise SimrigError(
-                f"table '{name}' of an RGL reflectance has values that are not finite"
-            )
+            raise SimrigError(f"table '{name}' of an RGL BRDF has values that are not finite")
         if name != "rgb" and table.min() < 0.0:
-            raise SimrigError(f"table '{name}' of an RGL reflectance has negative values")
+            raise SimrigError(f"table '{name}' of an RGL BRDF has negative values")
     if vndf.sum(axis=(2, 3)).min() <= 0.0:
-        raise SimrigError("a density of visible normals of an RGL reflectance is zero everywhere")
+        raise SimrigError("a density of visible normals of an RGL BRDF is zero everywhere")

@@ -16,7 +16,7 @@ from simrig.directions.half_difference import to_half_difference
 from simrig.directions.spherical import to_angles, to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
 
-# Elevation of the half vector below which the interpolation sees no difference, radians: the
+# Polar angle of the half vector below which the interpolation sees no difference, radians: the
 # logarithm of theta_h would otherwise stretch the last tenths of a degree without end
 _SOFTEST = 0.03
 _SMOOTHING = 1e-2
@@ -61,7 +61,7 @@ class ScatteredSamples:
         high = max(self.theta_i.max(), self.theta_v.max())
         if low < -1e-6 or high > np.pi / 2 + 1e-6:
             raise SimrigError(
-                f"'{self.name}' has elevations from {np.degrees(low):g}° to "
+                f"'{self.name}' has polar angles from {np.degrees(low):g}° to "
                 f"{np.degrees(high):g}°, outside 0° to 90° (radians are expected)"
             )
 
@@ -99,19 +99,19 @@ class IsotropicInterpolator:
     Over (log(theta_h + 0.03), √cos theta_i, √cos theta_v): these three determine an isotropic
     pair of directions up to mirror symmetry, so that holds by construction, and the highlight
     depends on the first alone. The logarithms of XYZ values are interpolated, so values of very
-    different size weigh alike and none becomes negative. Beyond the samples' largest elevation
+    different size weigh alike and none becomes negative. Beyond the samples' largest polar angle
     the value is held; it never leaves the samples' range.
 
     Reciprocity is not assumed: the measured paints that were tried give 2 to 25 times less with
     the light at 80° than with the view at 79° and the directions swapped, and a symmetric
     spline, though as good at samples left out at random, swings between the measured
-    elevations. The coordinates were chosen by leaving out whole incidences (``cross_validate``),
-    among theta_h, theta_d, phi_d and elevations in several forms.
+    polar angles. The coordinates were chosen by leaving out whole incidences (``cross_validate``),
+    among theta_h, theta_d, phi_d and polar angles in several forms.
     """
 
     def __init__(self, samples: ScatteredSamples):
-        elevation = np.maximum(samples.theta_i, samples.theta_v)
-        self.theta_max = float(elevation.max())
+        theta = np.maximum(samples.theta_i, samples.theta_v)
+        self.theta_max = float(theta.max())
         # colours outside the gamut, whose RGB has negative channels, have logarithms in XYZ
         xyz = np.maximum(samples.values @ TO_XYZ.T, 0.0)
         self._floor = _FLOOR * np.median(xyz, axis=0) + np.finfo(float).tiny
@@ -138,9 +138,9 @@ class IsotropicInterpolator:
         return float(np.linalg.cond(spline_system(self.spline, self.spline.y)))
 
     def _coordinates(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
-        # beyond the data the pair is taken at the largest elevation, with the half vector there:
+        # beyond the data the pair is taken at the largest polar angle, with the half vector there:
         # the spline must not meet coordinates that no pair within the data has
-        wi, wv = (limit_elevation(direction, self.theta_max) for direction in (wi, wv))
+        wi, wv = (limit_theta(direction, self.theta_max) for direction in (wi, wv))
         theta_h = to_half_difference(wi, wv).theta_h
         return np.stack(
             (np.log(theta_h + _SOFTEST), np.sqrt(wi[..., 2]), np.sqrt(wv[..., 2])), axis=-1
@@ -214,8 +214,8 @@ def spline_monomials(spline: RBFInterpolator, x: np.ndarray) -> np.ndarray:
     return np.prod(scaled[:, None, :] ** spline.powers[None, :, :], axis=-1)
 
 
-def limit_elevation(direction: np.ndarray, theta_max: float) -> np.ndarray:
-    """Return directions (..., 3) with the elevation limited to theta_max, the azimuth kept."""
+def limit_theta(direction: np.ndarray, theta_max: float) -> np.ndarray:
+    """Return directions (..., 3) with the polar angle limited to theta_max, the azimuth kept."""
     theta, phi = to_angles(direction)
     return to_vector(np.minimum(theta, theta_max), phi)
 
@@ -230,7 +230,7 @@ def interpolate_isotropic(
         shape: bins of theta_h, theta_d, phi_d; the last even, over a full turn.
 
     Returns:
-        A table, not reciprocal, whose theta_max is the largest elevation measured; further out
+        A table, not reciprocal, whose theta_max is the largest polar angle measured; further out
         it holds.
     """
     interpolator = IsotropicInterpolator(samples)

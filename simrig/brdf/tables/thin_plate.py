@@ -21,7 +21,7 @@ _NUMPY_BLOCK = 1 << 22  # kernel values at once (32 MiB)
 _JIT_BLOCK = 1 << 18  # points per kernel launch, so that progress can be told
 _PER_THREAD = 4  # points that share the reading of a node
 
-Told = Callable[[int], None]
+Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class ThinPlateSpline:
         return sum(part.nbytes for part in parts)
 
     def __call__(
-        self, points: np.ndarray, float_type: type | None = None, told: Told | None = None
+        self, points: np.ndarray, float_type: type | None = None, told: Progress | None = None
     ) -> np.ndarray:
         """Return the spline at points.
 

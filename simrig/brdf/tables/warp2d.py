@@ -1,10 +1,10 @@
 """Piecewise bilinear densities on the unit square that depend on further parameters.
 
-The look-ups of Mitsuba's ``MarginalContinuous2D`` classes, over ``simrig.core.arrays``: interpolation
-of a table, the inverse of its sampling map, and on the host the sampling map itself. A table has
-shape (..., height, width), y along its height and x along its width, both ends included. Several
-tables over parameters are interpolated between the nodes of each parameter: such a *stack* is a
-list of (index of the table, weight).
+The look-ups of Mitsuba's ``MarginalContinuous2D`` classes, over ``simrig.core.arrays``:
+interpolation of a table, the inverse of its sampling map, and on the host the sampling map itself.
+A table has shape (..., height, width), y along its height and x along its width, both ends
+included. Several tables over parameters are interpolated between the nodes of each parameter: such
+a *stack* is a list of (index of the table, weight).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``simrig btf``: look at a BTF, convert it, fill it, average it, rebuild one from slices."""
+"""``simrig btf``: look at a BTF, convert it, fill it, average it, reconstruct one from slices."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def measure(
     ] = None,
     resolution: Annotated[int, typer.Option(help="Texels along x.")] = 128,
     spp: Annotated[int, typer.Option(help="Samples per texel.")] = 16,
-    orders: Annotated[str, typer.Option(help="Reflections at most: 1 to 8, or auto.")] = "auto",
+    bounces: Annotated[str, typer.Option(help="Reflections at most: 1 to 8, or auto.")] = "auto",
     tolerance: Annotated[
         str | None, typer.Option(help="Of auto: dE=0.5 unless given; see docs/effects.md.")
     ] = None,
@@ -76,11 +76,11 @@ def measure(
     from simrig.core.effects import DEFAULT_TOLERANCE, parse_tolerance
     from simrig.mesostructure import build_tile
     from simrig.plans.gantry import GantryPlan
-    from simrig.rigs.btf.bounces import plan_orders
+    from simrig.rigs.btf.bounces import plan_bounces
     from simrig.rigs.btf.rig import (
         btf_angles,
         by_view,
-        checked_orders,
+        checked_bounces,
         checked_plan,
         measure_btf,
         resolution_of,
@@ -97,7 +97,7 @@ def measure(
         listed = btf_angles(named_scheme(directions or _DIRECTIONS, others=(_GANTRY,)))
     angles = by_view(checked_plan(listed))
     allowed = parse_tolerance(tolerance or DEFAULT_TOLERANCE)
-    fixed = None if orders == "auto" else checked_orders(_number(orders))
+    fixed = None if bounces == "auto" else checked_bounces(_number(bounces))
     if fixed is not None and tolerance:
         raise SimrigError("--tolerance is for --orders auto: leave one of them out")
     tile = build_tile(preset, seed=seed)
@@ -110,8 +110,8 @@ def measure(
         frame.on_interrupt(f"the same command goes on from '{output}.part'")
         variant = backend.select("auto")
         if fixed is None:
-            plan = plan_orders(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
-            fixed = int(plan.settings["orders"])
+            plan = plan_bounces(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
+            fixed = int(plan.settings["bounces"])
         label = f"{preset}: {len(angles):,} images, {mega(size)}, {fixed} orders; views"
         with frame.progress(label) as report:
             stack = measure_btf(
@@ -119,7 +119,7 @@ def measure(
                 angles,
                 shape,
                 spp,
-                orders=fixed,
+                bounces=fixed,
                 seed=seed,
                 path=output,
                 dtype=dtype,

@@ -61,7 +61,7 @@ def find_btf_images(folder: str | Path) -> tuple[list[Path], np.ndarray]:
     """Return the pictures of a BTF and their angles.
 
     Returns:
-        Paths, and theta_i, theta_v, phi_i, phi_v in radians, shape (n, 4): by elevation and
+        Paths, and theta_i, theta_v, phi_i, phi_v in radians, shape (n, 4): by polar angle and
         azimuth of the illumination, then of the view.
 
     Raises:

@@ -1,4 +1,4 @@
-"""RGL ``.bsdf`` files: read them, and write any reflectance so that Mitsuba renders it."""
+"""RGL ``.bsdf`` files: read them, and write any BRDF so that Mitsuba renders it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from simrig.brdf.tables.rgl import RglReflectance
+from simrig.brdf.tables.rgl import RglBrdf
 from simrig.core.errors import SimrigError
 from simrig.files.rgl.tensor_file import read_tensors
 
 _REQUIRED = ("description", "theta_i", "phi_i", "ndf", "sigma", "vndf", "jacobian")
 
 
-def read_rgl(path: str | Path) -> RglReflectance:
+def read_rgl(path: str | Path) -> RglBrdf:
     """Read an RGL file with RGB or spectral values.
 
     Spectra are converted to linear sRGB (see ``simrig.files.spectra``).
@@ -31,7 +31,7 @@ def read_rgl(path: str | Path) -> RglReflectance:
             f"tensor file '{path}' is not an RGL material: it lacks {', '.join(missing)}"
         )
     try:
-        return RglReflectance(
+        return RglBrdf(
             np.ravel(fields["phi_i"]).tolist(),
             np.ravel(fields["theta_i"]).tolist(),
             fields["ndf"],

@@ -1,4 +1,4 @@
-"""Write any reflectance as an RGL tensor file that Mitsuba's ``measured`` renders."""
+"""Write any BRDF as an RGL tensor file that Mitsuba's ``measured`` renders."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, evaluate
+from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.resample import is_isotropic
-from simrig.brdf.tables.rgl import azimuth_to_unit, elevation_to_unit
+from simrig.brdf.tables.rgl import azimuth_to_unit, theta_to_unit
 from simrig.brdf.tables.warp2d import distribution, interpolate, sample, single
 from simrig.core.colour import LUMINANCE
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.files.rgl.tensor_file import write_tensors
 
-_LAST_ELEVATION = np.radians(88.0)  # of the nodes; further out the last tables are held
-_BENDING = 0.65  # exponent that places the elevations as the database does, denser at grazing
+_LAST_THETA = np.radians(88.0)  # of the nodes; further out the last tables are held
+_BENDING = 0.65  # exponent that places the polar angles as the database does, denser at grazing
 _POWER_ITERATIONS = 4  # as in Dupuy and Jakob 2018; more change nothing visible
 _NDF_FLOOR = 1e-3  # of its mean, so that every half vector can be sampled
 _LUMINANCE_FLOOR = 1e-2  # of its mean, the same for the samples
@@ -32,7 +32,7 @@ class RglResolution:
     symmetric material would not join without a seam.
 
     Attributes:
-        theta: elevations of the view with tables of their own.
+        theta: polar angles of the view with tables of their own.
         phi: azimuths of the view over the full circle (anisotropic materials only).
         warp: side of the tables of normals and visible normals.
         colour: side of the colour tables.
@@ -53,34 +53,32 @@ class RglResolution:
             )
 
 
-def write_rgl(
-    path: str | Path, reflectance: Reflectance, resolution: RglResolution | None = None
-) -> int:
-    """Convert a reflectance to the adaptive parameterisation and write it.
+def write_rgl(path: str | Path, brdf: Brdf, resolution: RglResolution | None = None) -> int:
+    """Convert a BRDF to the adaptive parameterisation and write it.
 
     The normal distribution D comes from the reflectance's own retro-reflection: where the two
     directions agree, f_r · cos ∝ D / σ, and σ is a linear function of D, so D is an eigenvector
     that power iteration finds (Dupuy and Jakob 2018, section 4). The density of visible normals
     follows from D, and the colour tables hold f_r · cos · 4 σ / D at the directions that their
     nodes sample, so the file gives f_r exactly there; where a node's light direction is below
-    the horizon they hold 0. An isotropic reflectance needs one azimuth, one that is mirror
+    the horizon they hold 0. An isotropic BRDF needs one azimuth, one that is mirror
     symmetric in x and in y half a turn of them. (A quarter would do, but its tables join with a
     visible seam.)
 
     Args:
         path: the file, ending in ``.bsdf`` by custom.
-        reflectance: any reflectance.
+        brdf: any BRDF.
         resolution: sizes of the tables.
 
     Returns:
         The size of the file in bytes.
     """
     resolution = resolution or RglResolution()
-    theta = _LAST_ELEVATION * np.linspace(0.0, 1.0, resolution.theta) ** _BENDING
-    phi, rows = _azimuths(reflectance, resolution)
-    ndf, sigma = _normals(reflectance, rows, resolution.warp)
+    theta = _LAST_THETA * np.linspace(0.0, 1.0, resolution.theta) ** _BENDING
+    phi, rows = _azimuths(brdf, resolution)
+    ndf, sigma = _normals(brdf, rows, resolution.warp)
     vndf = np.stack([[_visible_normals(ndf, t, p, len(phi) == 1) for t in theta] for p in phi])
-    rgb = _colours(reflectance, theta, phi, ndf, sigma, vndf, resolution.colour)
+    rgb = _colours(brdf, theta, phi, ndf, sigma, vndf, resolution.colour)
     luminance = np.einsum("ptcyx,c->ptyx", rgb, LUMINANCE)
     floor = _LUMINANCE_FLOOR * luminance.mean(axis=(2, 3), keepdims=True)
     single_precision = {
@@ -96,31 +94,31 @@ def write_rgl(
         path,
         {
             "version": np.array([1, 0], dtype=np.uint32),
-            "description": f"{reflectance.name}, converted by simrig",
+            "description": f"{brdf.name}, converted by simrig",
             **{name: array.astype(np.float32) for name, array in single_precision.items()},
             "jacobian": np.array([1], dtype=np.uint8),
         },
     )
 
 
-def is_mirror_symmetric(reflectance: Reflectance) -> bool:
+def is_mirror_symmetric(brdf: Brdf) -> bool:
     """Return whether mirroring both directions in x, and in y, changes nothing (200 pairs)."""
     rng = np.random.default_rng(2)
     wi, wv = (
         to_vector(rng.uniform(0.0, 1.4, 200), rng.uniform(0.0, 2.0 * np.pi, 200)) for _ in range(2)
     )
-    reference = evaluate(reflectance, wi, wv)
+    reference = evaluate(brdf, wi, wv)
     return all(
-        np.allclose(evaluate(reflectance, wi * sign, wv * sign), reference, rtol=1e-6, atol=1e-12)
+        np.allclose(evaluate(brdf, wi * sign, wv * sign), reference, rtol=1e-6, atol=1e-12)
         for sign in ((-1, 1, 1), (1, -1, 1))
     )
 
 
-def _azimuths(reflectance: Reflectance, resolution: RglResolution) -> tuple[np.ndarray, int]:
+def _azimuths(brdf: Brdf, resolution: RglResolution) -> tuple[np.ndarray, int]:
     """Return the azimuths of the tables, and the rows of the normals' table over phi."""
-    if is_isotropic(reflectance):
+    if is_isotropic(brdf):
         return np.zeros(1), 2
-    if is_mirror_symmetric(reflectance):
+    if is_mirror_symmetric(brdf):
         return np.linspace(-np.pi, 0.0, resolution.phi // 2 + 1), resolution.warp
     return np.linspace(-np.pi, np.pi, resolution.phi + 1), resolution.warp
 
@@ -132,12 +130,12 @@ def _unit_grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
     return theta, np.broadcast_to((2.0 * y[:, None] - 1.0) * np.pi, (rows, columns))
 
 
-def _normals(reflectance: Reflectance, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+def _normals(brdf: Brdf, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """Return D and σ over (phi, theta), shape (rows, columns), by power iteration."""
     theta, phi = _unit_grid(rows, columns)
     # directions at and below the horizon have no retro-reflection: D falls to the floor there
-    directions = to_vector(np.minimum(theta, _LAST_ELEVATION), phi)
-    retro = evaluate(reflectance, directions, directions) @ LUMINANCE * np.cos(theta)
+    directions = to_vector(np.minimum(theta, _LAST_THETA), phi)
+    retro = evaluate(brdf, directions, directions) @ LUMINANCE * np.cos(theta)
     fine = _quadrature(max(rows, 32), columns)
     index_y = np.linspace(0.0, rows - 1.0, fine[1].shape[0])
     ndf = np.ones((rows, columns))
@@ -160,7 +158,7 @@ def _quadrature(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _jacobian(theta: np.ndarray) -> np.ndarray:
     """Return the solid angle per area of the unit square."""
-    return 2.0 * np.pi**2 * elevation_to_unit(theta) * np.sin(theta)
+    return 2.0 * np.pi**2 * theta_to_unit(theta) * np.sin(theta)
 
 
 def _projected_area(
@@ -197,7 +195,7 @@ def _visible_normals(ndf: np.ndarray, theta: float, phi: float, isotropic: bool)
 
 
 def _colours(
-    reflectance: Reflectance,
+    brdf: Brdf,
     theta: np.ndarray,
     phi: np.ndarray,
     ndf: np.ndarray,
@@ -215,11 +213,11 @@ def _colours(
             normal = to_vector(x * x * (np.pi / 2.0), (2.0 * y - 1.0) * np.pi + turn)
             view = to_vector(float(theta_v), float(phi_v))
             light = 2.0 * (normal @ view)[..., None] * normal - view
-            unit = (np.full(1, elevation_to_unit(theta_v)), np.full(1, azimuth_to_unit(phi_v)))
+            unit = (np.full(1, theta_to_unit(theta_v)), np.full(1, azimuth_to_unit(phi_v)))
             area = interpolate(sigma, single(unit[0]), sigma.shape, *unit)
             density = interpolate(ndf, single(x), ndf.shape, x, y)
             cosine = np.maximum(light[..., 2], 0.0)
             factor = cosine * 4.0 * area / np.maximum(density, np.finfo(float).tiny)
-            value = evaluate(reflectance, light, np.broadcast_to(view, light.shape))
+            value = evaluate(brdf, light, np.broadcast_to(view, light.shape))
             rgb[p, t] = np.moveaxis(value * factor[..., None], -1, 0)
     return rgb

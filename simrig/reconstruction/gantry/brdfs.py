@@ -1,12 +1,12 @@
-"""From the slices of a gantry to a whole reflectance (thesis section 6.1).
+"""From the slices of a gantry to a whole BRDF (thesis section 6.1).
 
-First the subspaces of the measured elevations (``gantry_subspace``), then everything between and
+First the subspaces of the measured polar angles (``gantry_subspace``), then everything between and
 below them: method A by radial basis functions in the onion-like angles, B linearly along the
 course of a Lafortune model, BD by displacement interpolation. The result is a table with the order
 illumination, view: what was not reciprocal stays so.
 
 Method A interpolates logarithms: towards the normal the trend of a highlight between two
-elevations goes on below zero in the values themselves, and errs far more.
+polar angles goes on below zero in the values themselves, and errs far more.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.plans.gantry import GantryPlan
-from simrig.reconstruction.gantry.polar_angles import Blend, fill_elevations, linear
+from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
 from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
 from simrig.reconstruction.transport.circle import transport_circle
@@ -39,7 +39,7 @@ TRANSPORTS: dict[str, Blend] = {
     "circle": transport_circle,
 }
 RBF_AZIMUTHS = 24  # of the nodes of method A: 15°, the thesis's
-MOST_GLOBAL_NODES = 6000  # of one system: three elevations
+MOST_GLOBAL_NODES = 6000  # of one system: three polar angles
 
 
 class GantrySamples(Protocol):
@@ -55,14 +55,14 @@ class GantrySamples(Protocol):
 
 @dataclass(frozen=True)
 class GantryReconstruction:
-    """A reconstructed reflectance and what has to be said about it.
+    """A reconstructed BRDF and what has to be said about it.
 
     Attributes:
-        reflectance: a table over all four angles.
+        brdf: a table over all four angles.
         notes: how slices were combined, conditions, fall-backs.
     """
 
-    reflectance: DenseTable
+    brdf: DenseTable
     notes: tuple[str, ...]
 
 
@@ -76,19 +76,19 @@ def reconstruct_gantry(
     interpolation: str = "pchip",
     transport: str = "rows",
 ) -> GantryReconstruction:
-    """Return the reflectance that the slices of a gantry give.
+    """Return the BRDF that the slices of a gantry give.
 
     Args:
         measurement: what a gantry recorded (``simrig.rigs.gantry.rig.GantryMeasurement``).
         method: of ``METHODS``.
-        theta_step_deg: largest step of the table's elevations; the table ends at the highest
-            measured elevation and holds its values beyond.
+        theta_step_deg: largest step of the table's polar angles; the table ends at the highest
+            measured polar angle and holds its values beyond.
         azimuths: of the table, over the full circle.
         combination: how the slices of a subspace are combined, see
             ``simrig.reconstruction.gantry.subspace``; by default what fits the plan.
         interpolation: along the slices, see there.
         transport: for method BD: ``"rows"`` moves mass along the azimuth of the direction whose
-            elevation changes, ``"subspaces"`` over both azimuths (at most 36 of them);
+            polar angle changes, ``"subspaces"`` over both azimuths (at most 36 of them);
             ``"circle"`` moves it as ``"rows"``, by a faster algorithm without POT.
 
     Raises:
@@ -100,14 +100,14 @@ def reconstruct_gantry(
         raise unknown_name("transport", transport, TRANSPORTS)
     if azimuths != int(azimuths) or azimuths < 2 or not 0.5 <= theta_step_deg <= 90.0:
         raise SimrigError(
-            f"a table of {azimuths} azimuths and elevation steps of {theta_step_deg:g}° cannot be: "
+            f"a table of {azimuths} azimuths and polar angle steps {theta_step_deg:g}° cannot be: "
             "at least 2 azimuths and steps from 0.5 to 90 degrees are needed"
         )
     if method == "bd" and transport != "circle":
         transport_library()
     plan = measurement.plan
-    known = np.array(plan.elevations)
-    wanted = _elevations(known[-1], theta_step_deg)
+    known = np.array(plan.thetas)
+    wanted = _thetas(known[-1], theta_step_deg)
     combination = combination or default_combination(plan)
     settings = (combination, interpolation)
     notes = [f"slices combined by '{combination}'"]
@@ -117,14 +117,14 @@ def reconstruct_gantry(
     else:
         blend = linear if method == "b" else TRANSPORTS[transport]
         measured = subspaces(plan, measurement.values, azimuths, *settings)
-        values = fill_elevations(measured, known, wanted, blend)
+        values = fill_thetas(measured, known, wanted, blend)
     name = f"{measurement.material} from {plan.samples} gantry samples, method {method.upper()}"
     table = DenseTable(values.astype(np.float32), wanted[1], wanted[-1], name=name)
     return GantryReconstruction(table, tuple(notes))
 
 
-def _elevations(highest: float, largest_step_deg: float) -> np.ndarray:
-    """Return evenly spaced elevations from 0 to the highest measured one, in radians."""
+def _thetas(highest: float, largest_step_deg: float) -> np.ndarray:
+    """Return evenly spaced polar angles from 0 to the highest measured one, in radians."""
     intervals = max(1, int(np.ceil(np.degrees(highest) / largest_step_deg - 1e-9)))
     return np.arange(intervals + 1) * (highest / intervals)
 
@@ -134,7 +134,7 @@ class SubspaceNodes:
     """Reconstructed subspaces as samples at direction pairs, for radial basis functions.
 
     Attributes:
-        theta_i, theta_v, phi_i, phi_v: in radians, (n,): elevations of illumination, of view,
+        theta_i, theta_v, phi_i, phi_v: in radians, (n,): polar angles of illumination, of view,
             azimuths of illumination, of view, the last fastest.
         values: f_r, (n, channels).
         material: what it is called.
@@ -148,11 +148,11 @@ class SubspaceNodes:
     material: str
 
     @classmethod
-    def of(cls, elevations: Sequence[float], measured: np.ndarray, material: str) -> SubspaceNodes:
+    def of(cls, thetas: Sequence[float], measured: np.ndarray, material: str) -> SubspaceNodes:
         """Return the nodes of what ``subspaces`` returned for evenly spaced azimuths."""
         count = measured.shape[2]
         phi = np.arange(count) * (2.0 * np.pi / count)
-        theta = np.array(elevations)
+        theta = np.array(thetas)
         nodes = (g.ravel() for g in np.meshgrid(theta, theta, phi, phi, indexing="ij"))
         theta_i, theta_v, phi_i, phi_v = nodes
         values = measured.reshape(-1, measured.shape[-1])
@@ -165,7 +165,7 @@ def _by_rbf(
     """Return the table of method A and its notes."""
     plan = measurement.plan
     measured = subspaces(plan, measurement.values, min(azimuths, RBF_AZIMUTHS), *settings)
-    nodes = SubspaceNodes.of(plan.elevations, measured, measurement.material)
+    nodes = SubspaceNodes.of(plan.thetas, measured, measurement.material)
     local = len(nodes.values) > MOST_GLOBAL_NODES
     neighbours = NEIGHBOURS if local else None
     result = reconstruct_rbf(nodes, neighbours, reciprocal=False, logarithms=True)
@@ -173,7 +173,5 @@ def _by_rbf(
     if local:
         notes += (f"from {NEIGHBOURS} neighbours each",)
     types = backend.types("float64")
-    table = resample_dense(
-        result.reflectance, wanted[1], azimuths, wanted[-1], np.float64, types.Float
-    )
+    table = resample_dense(result.brdf, wanted[1], azimuths, wanted[-1], np.float64, types.Float)
     return table.values, notes

@@ -47,8 +47,8 @@ def reconstruct_btf(
     plan = plan or GantryPlan()
     angles = grid_angles(hemisphere_81()) if angles is None else np.asarray(angles)
     numbers = planned_images(measured, plan)
-    rebuild = texel_method(plan, method, angles, transport)
-    stack = sliced_stack(measured, numbers, rebuild, angles, progress)
+    reconstruct = texel_method(plan, method, angles, transport)
+    stack = sliced_stack(measured, numbers, reconstruct, angles, progress)
     how = f"method BD, transport '{transport}'" if method == "bd" else f"method {method.upper()}"
     made = {"method": f"gantry, {how}, {plan.describe()}"}
     return replace(stack, provenance={**stack.provenance, **made})

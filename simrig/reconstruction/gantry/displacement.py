@@ -1,11 +1,11 @@
 """Method BD of the gantry for the texels of a BTF (thesis sections 6.1.3 and 6.3.5).
 
-Subspaces stand on even azimuths, elevations are filled as ``fill_elevations`` does it, and values
+Subspaces stand on even azimuths, polar angles are filled as ``fill_thetas`` does it, and values
 at the wanted azimuths are linear between the even ones. Two ways to transport:
 
 - ``"circle"``: every line of every texel on its own, exactly, by order statistics and without a
   solver (``simrig.reconstruction.transport.circle``), many texels at once.
-- ``"rows"``: as for a single reflectance, one network simplex per line; seconds per texel.
+- ``"rows"``: as for a single BRDF, one network simplex per line; seconds per texel.
 
 Where several transports have the least cost the two may choose different ones.
 """
@@ -17,26 +17,26 @@ from collections.abc import Callable
 import numpy as np
 
 from simrig.reconstruction.gantry.pairs import EVEN, SAME_ANGLE, WantedPairs
-from simrig.reconstruction.gantry.polar_angles import fill_elevations, line_weights
+from simrig.reconstruction.gantry.polar_angles import fill_thetas, line_weights
 from simrig.reconstruction.transport.circle import circle_displacement
 from simrig.reconstruction.transport.grid import transport_rows
 
 _TURN = 2.0 * np.pi
 _TEXELS = 32  # at once: their tables take some 17 MB
 
-# measured subspaces (e, e, EVEN, EVEN, texels, 3), known and wanted elevations -> all subspaces
+# measured subspaces (e, e, EVEN, EVEN, texels, 3), known and wanted polar angles -> all subspaces
 Fill = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def displaced_texels(
     measured: np.ndarray, known: np.ndarray, wanted: WantedPairs, transport: str
 ) -> np.ndarray:
-    """Return values at the wanted pairs, mass moved between elevations.
+    """Return values at the wanted pairs, mass moved between polar angles.
 
     Args:
-        measured: subspaces of the known elevations at even azimuths,
+        measured: subspaces of the known polar angles at even azimuths,
             (e, e, EVEN, EVEN, texels, 3), illumination before view.
-        known: (e,) elevations in radians, increasing.
+        known: (e,) polar angles in radians, increasing.
         wanted: the pairs.
         transport: of ``TEXEL_TRANSPORTS``.
 
@@ -74,14 +74,14 @@ def _between_even(
 
 
 def _one_by_one(measured: np.ndarray, known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Fill elevations texel by texel, as for single reflectances."""
+    """Fill polar angles texel by texel, as for single BRDFs."""
     texels = np.moveaxis(measured, 4, 0)
-    tables = [fill_elevations(texel, known, wanted, transport_rows) for texel in texels]
+    tables = [fill_thetas(texel, known, wanted, transport_rows) for texel in texels]
     return np.stack(tables, axis=4)
 
 
 def _all_at_once(measured: np.ndarray, known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Fill elevations of all texels: those of the view first, then those of the illumination."""
+    """Fill polar angles of all texels: those of the view first, then those of the illumination."""
     means = measured.mean(axis=(2, 3, 5))
     view = line_weights(means, known, wanted)  # (light known, wanted, view known, texels)
     filled = np.einsum("ewft,eft->wet", view, means)  # transport keeps the means
@@ -95,11 +95,11 @@ def _all_at_once(measured: np.ndarray, known: np.ndarray, wanted: np.ndarray) ->
 
 
 def _line(values: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
-    """Return subspaces along a line of elevations.
+    """Return subspaces along a line of polar angles.
 
     Args:
         values: (e, EVEN, EVEN, texels, 3).
-        weights: what each known elevation counts at each wanted one, (t, e, texels).
+        weights: what each known polar angle counts at each wanted one, (t, e, texels).
         axis: the azimuth along which mass moves, 0 or 1.
 
     Returns:

@@ -1,4 +1,4 @@
-"""The direction pairs that the texels of a BTF are rebuilt at, by elevation and azimuth."""
+"""The direction pairs that the texels of a BTF are reconstructed at, by polar angle and azimuth."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class WantedPairs:
-    """Pairs as numbers of their elevations and azimuths.
+    """Pairs as numbers of their polar angles and azimuths.
 
     Attributes:
-        theta: (k,) increasing elevations, of illumination and of view.
+        theta: (k,) increasing polar angles, of illumination and of view.
         phi: (m,) azimuths, first the even ones.
-        rings: number of each pair's elevations of illumination and of view, (pairs, 2).
+        rings: number of each pair's polar angles of illumination and of view, (pairs, 2).
         azimuths: the same for the azimuths.
     """
 
@@ -43,7 +43,7 @@ class WantedPairs:
         return cls(theta, phi, rings.reshape(-1, 2), azimuths)
 
     def blocks(self) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
-        """Yield the numbers of each pair of elevations and its pairs of directions."""
+        """Yield the numbers of each pair of polar angles and its pairs of directions."""
         for ring in np.unique(self.rings, axis=0):
             yield (int(ring[0]), int(ring[1])), np.flatnonzero(np.all(self.rings == ring, axis=1))
 

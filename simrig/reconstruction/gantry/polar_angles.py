@@ -1,9 +1,9 @@
-"""Unmeasured elevations of a gantry: methods B and BD (thesis section 6.1.3).
+"""Unmeasured polar angles of a gantry: methods B and BD (thesis section 6.1.3).
 
-First the elevations of the view are filled for each measured elevation of the illumination, then
-those of the illumination for every elevation of the view. Along such a line a one-lobe Lafortune
-model is fitted to the mean reflectance at the measured elevations. Between two of them its course
-says how far the reflectance has changed from one to the other (the weight); below the lowest one
+First the polar angles of the view are filled for each measured polar angle of the illumination,
+then those of the illumination for every polar angle of the view. Along such a line a one-lobe
+Lafortune model is fitted to the mean BRDF at the measured polar angles. Between two of them its
+course says how far the BRDF has changed from one to the other (the weight); below the lowest one
 the values follow the model's ratio.
 
 The weight of the model scaled to both means is (L(θ) − L(θ_a)) / (L(θ_b) − L(θ_a)); k cancels.
@@ -17,14 +17,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simrig.brdf.minnaert import FIT_EXPONENTS, fit_lafortune
+from simrig.brdf.minnaert import FIT_EXPONENTS, fit_minnaert
 
-# values at two elevations (2, rows, columns, 3), weights (t,) -> (t, rows, columns, 3); the last
-# argument is the axis (0 rows, 1 columns) whose elevation changes
+# values at two polar angles (2, rows, columns, 3), weights (t,) -> (t, rows, columns, 3); the last
+# argument is the axis (0 rows, 1 columns) whose polar angle changes
 Blend = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 
 _FLAT = 1e-9  # of the change of the logarithm along an interval: the limit is exact there
-_SAME_ANGLE = 1e-6  # radians between elevations that are one
+_SAME_ANGLE = 1e-6  # radians between polar angles that are one
 
 
 def linear(ends: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
@@ -32,19 +32,19 @@ def linear(ends: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
     return ends[0] + weights[:, None, None, None] * (ends[1] - ends[0])
 
 
-def fill_elevations(
+def fill_thetas(
     measured: np.ndarray, known: np.ndarray, wanted: np.ndarray, blend: Blend = linear
 ) -> np.ndarray:
-    """Return subspaces at all pairs of wanted elevations.
+    """Return subspaces at all pairs of wanted polar angles.
 
     Args:
-        measured: (n, n, rows, columns, 3) at the known elevations of illumination and view.
+        measured: (n, n, rows, columns, 3) at the known polar angles of illumination and view.
         known: (n,) in radians, increasing.
         wanted: (t,) in radians, increasing, none above the last known one.
-        blend: between two known elevations.
+        blend: between two known polar angles.
 
     Returns:
-        (t, t, rows, columns, 3), equal to ``measured`` where elevations are known.
+        (t, t, rows, columns, 3), equal to ``measured`` where polar angles are known.
     """
     view = np.stack(
         [
@@ -63,8 +63,8 @@ def interval_weights(theta: np.ndarray, ends: np.ndarray, exponent: float) -> np
     """Return how far the model has come from the first to the second end, 0 to 1.
 
     Args:
-        theta: (t,) elevations in radians between the ends.
-        ends: (2,) elevations in radians.
+        theta: (t,) polar angles in radians between the ends.
+        ends: (2,) polar angles in radians.
         exponent: α of the model.
     """
     x = np.log(np.cos(theta))
@@ -82,9 +82,9 @@ def _line(
     blend: Blend,
     axis: int,
 ) -> np.ndarray:
-    """Fill one line of elevations; ``other`` is the fixed elevation of the other direction."""
+    """Fill one line of polar angles; ``other`` is the fixed polar angle of the other direction."""
     means = values.mean(axis=(1, 2, 3))
-    exponent = fit_lafortune(known, np.full(len(known), other), means).exponent
+    exponent = fit_minnaert(known, np.full(len(known), other), means).exponent
     out = np.empty((len(wanted), *values.shape[1:]))
     below = wanted < known[0]
     ratio = (np.cos(wanted[below]) / np.cos(known[0])) ** exponent
@@ -100,14 +100,14 @@ def _line(
 
 
 def line_weights(means: np.ndarray, known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return what measured elevations count at wanted ones, by the course of Lafortune's model.
+    """Return what measured polar angles count at wanted ones, by the course of Lafortune's model.
 
-    As ``fill_elevations`` does it along one line, for many. Of two elevations the exponent is the
+    As ``fill_thetas`` does it along one line, for many. Of two polar angles the exponent is the
     quotient of two logarithms; of more it is the median of all slopes (Theil and Sen), without the
-    least squares that follow for a single reflectance.
+    least squares that follow for a single BRDF.
 
     Args:
-        means: mean f_r at the known elevations, (lines, n, texels).
+        means: mean f_r at the known polar angles, (lines, n, texels).
         known: (n,) in radians, increasing.
         wanted: (t,) in radians, none above the last known one.
 

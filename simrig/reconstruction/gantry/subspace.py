@@ -42,10 +42,10 @@ def subspaces(
     combination: str | None = None,
     interpolation: str = "pchip",
 ) -> np.ndarray:
-    """Return f_r at all azimuths for every pair of measured elevations.
+    """Return f_r at all azimuths for every pair of measured polar angles.
 
     Args:
-        plan: the elevations and slices.
+        plan: the polar angles and slices.
         values: (n, channels) measured at ``plan.angles()``: three, or those of many texels.
         azimuths: of illumination and view: so many over the full circle, from 0, or a list of
             them in radians.
@@ -54,7 +54,8 @@ def subspaces(
             ``"linear"``.
 
     Returns:
-        (elevations, elevations, azimuths, azimuths, channels), theta_i, theta_v, φ_i, φ_v; >= 0.
+        (polar angles, polar angles, azimuths, azimuths, channels), theta_i, theta_v, φ_i, φ_v; >=
+        0.
 
     Raises:
         SimrigError: unknown names, or a combination that the plan has no slices for.
@@ -62,7 +63,7 @@ def subspaces(
     combination = combination or default_combination(plan)
     _check(plan, values, combination)
     interpolate = SliceInterpolator(plan.knots(), values, interpolation)
-    count = len(plan.elevations)
+    count = len(plan.thetas)
     if isinstance(azimuths, int | np.integer):
         phi = np.arange(azimuths) * (_TURN / azimuths)
     else:
@@ -91,7 +92,7 @@ def _check(plan: GantryPlan, values: np.ndarray, combination: str) -> None:
 
 
 class _Subspace:
-    """The slices of one pair of elevations."""
+    """The slices of one pair of polar angles."""
 
     def __init__(
         self,

@@ -1,11 +1,11 @@
 """The gantry's methods for the texels of a BTF, all at once (thesis section 6.3.5).
 
-Each texel is a reflectance of its own, and ``simrig.reconstruction.gantry.brdfs`` would rebuild it in
+Each texel is a BRDF of its own, and ``simrig.reconstruction.gantry.brdfs`` would reconstruct it in
 seconds; a tile has thousands. What depends on directions only is done once here:
 
 - The slices of all texels go through ``subspaces`` as channels, at the azimuths that occur.
 - Method A is linear in logarithms: one matrix takes the nodes of all texels to all pairs.
-- Method B needs a Lafortune exponent per texel and line of elevations (``line_weights``).
+- Method B needs a Lafortune exponent per texel and line of polar angles (``line_weights``).
 - Method BD moves the mass of each line of each texel (``gantry_displacement``).
 
 Methods A and B find values at the wanted pairs, not by way of a table. At the normal, where there
@@ -43,7 +43,7 @@ def texel_method(
         plan: where the samples were taken.
         method: ``"a"``, ``"b"`` or ``"bd"``.
         angles: theta_i, theta_v, phi_i, phi_v of the wanted pairs in radians, (pairs, 4); none
-            steeper than the plan's highest elevation.
+            steeper than the plan's highest polar angle.
         transport: for method BD, of ``TEXEL_TRANSPORTS``: ``"circle"``, all texels at once, or
             ``"rows"``, one solver after the other (needs POT).
 
@@ -56,33 +56,33 @@ def texel_method(
     if transport not in TEXEL_TRANSPORTS:
         raise unknown_name("transport of texels", transport, TEXEL_TRANSPORTS)
     wanted = WantedPairs.of(angles)
-    if wanted.theta[-1] > plan.elevations[-1] + SAME_ANGLE:
-        highest, asked = np.degrees([plan.elevations[-1], wanted.theta[-1]])
+    if wanted.theta[-1] > plan.thetas[-1] + SAME_ANGLE:
+        highest, asked = np.degrees([plan.thetas[-1], wanted.theta[-1]])
         raise SimrigError(
             f"the plan ends at theta = {highest:g} degrees and says nothing of {asked:g} degrees"
         )
     if method == "a":
         return _by_rbf(plan, angles)
     if method == "b":
-        return lambda values: _by_elevations(plan, wanted, values)
+        return lambda values: _by_thetas(plan, wanted, values)
     if transport == "rows":
         transport_library()
     return lambda values: _by_transport(plan, wanted, values, transport)
 
 
 def _subspaces(plan: GantryPlan, values: np.ndarray, phi: int | np.ndarray) -> np.ndarray:
-    """Return (elevations, elevations, m, m, texels · 3) from values (samples, texels, 3)."""
+    """Return (polar angles, polar angles, m, m, texels · 3) from values (samples, texels, 3)."""
     return subspaces(plan, values.reshape(len(values), -1), phi, default_combination(plan))
 
 
 def _by_rbf(plan: GantryPlan, angles: np.ndarray) -> TexelMethod:
-    count = len(plan.elevations) ** 2 * EVEN**2
+    count = len(plan.thetas) ** 2 * EVEN**2
     if count > MOST_GLOBAL_NODES:
         raise SimrigError(
             f"method A takes up to {MOST_GLOBAL_NODES} nodes for the texels of a BTF, this plan "
             f"makes {count}: use method b"
         )
-    weights = _spline_weights(plan.elevations, np.ascontiguousarray(angles).tobytes())
+    weights = _spline_weights(plan.thetas, np.ascontiguousarray(angles).tobytes())
 
     def method(values: np.ndarray) -> np.ndarray:
         known = _subspaces(plan, values, EVEN).reshape(count, -1)
@@ -96,20 +96,20 @@ def _by_rbf(plan: GantryPlan, angles: np.ndarray) -> TexelMethod:
 
 
 @lru_cache(maxsize=1)
-def _spline_weights(elevations: tuple[float, ...], angles: bytes) -> np.ndarray:
+def _spline_weights(thetas: tuple[float, ...], angles: bytes) -> np.ndarray:
     """Return the matrix of method A, kept for the next material; ``angles`` as for ``_by_rbf``."""
-    shape = (len(elevations),) * 2 + (EVEN,) * 2
-    nodes = SubspaceNodes.of(elevations, np.zeros((*shape, 1)), "a BTF")
+    shape = (len(thetas),) * 2 + (EVEN,) * 2
+    nodes = SubspaceNodes.of(thetas, np.zeros((*shape, 1)), "a BTF")
     theta_i, theta_v, phi_i, phi_v = np.frombuffer(angles).reshape(-1, 4).T
     return rbf_weights(nodes, to_vector(theta_i, phi_i), to_vector(theta_v, phi_v))
 
 
-def _by_elevations(plan: GantryPlan, wanted: WantedPairs, values: np.ndarray) -> np.ndarray:
+def _by_thetas(plan: GantryPlan, wanted: WantedPairs, values: np.ndarray) -> np.ndarray:
     measured = _subspaces(plan, values, wanted.phi)
     texels = values.shape[1]
     even = measured[:, :, :EVEN, :EVEN].mean(axis=(2, 3))
     means = even.reshape(*even.shape[:2], texels, 3).mean(axis=-1)
-    known = np.array(plan.elevations)
+    known = np.array(plan.thetas)
     view = line_weights(means, known, wanted.theta)  # (light known, wanted, view known, texels)
     filled = np.einsum("ewft,eft->wet", view, means)
     light = line_weights(filled, known, wanted.theta)  # (view wanted, wanted, light known, texels)
@@ -130,4 +130,4 @@ def _by_transport(
 ) -> np.ndarray:
     measured = _subspaces(plan, values, EVEN)
     measured = measured.reshape(*measured.shape[:4], -1, 3)
-    return displaced_texels(measured, np.array(plan.elevations), wanted, transport)
+    return displaced_texels(measured, np.array(plan.thetas), wanted, transport)

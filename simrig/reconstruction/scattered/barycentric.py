@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.reconstruction.scattered.pairs import PairMeasurement, pair_table
 
 
-def reconstruct_barycentric(measurement: PairMeasurement) -> BarycentricReflectance:
+def reconstruct_barycentric(measurement: PairMeasurement) -> BarycentricBrdf:
     """Return the barycentric interpolation of a measurement (thesis section 5.5.2).
 
     Args:
@@ -18,7 +18,7 @@ def reconstruct_barycentric(measurement: PairMeasurement) -> BarycentricReflecta
         SimrigError: pairs that are missing, or directions that give no triangulation.
     """
     pairs = pair_table(measurement)
-    return BarycentricReflectance(
+    return BarycentricBrdf(
         pairs.theta,
         pairs.phi,
         pairs.values.astype(np.float32),

@@ -1,4 +1,4 @@
-"""The methods for samples at any directions, by name: from a measurement to a reflectance."""
+"""The methods for samples at any directions, by name: from a measurement to a BRDF."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.errors import unknown_name
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
 from simrig.reconstruction.scattered.pairs import PairMeasurement
@@ -16,21 +16,21 @@ from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_gri
 
 
 @dataclass(frozen=True, eq=False)
-class Rebuilt:
+class Reconstructed:
     """What a method made of a measurement.
 
     Attributes:
-        reflectance: the result.
+        brdf: the result.
         bytes: storage of the result.
         notes: what a reader must know: nodes, condition numbers, fall-backs.
     """
 
-    reflectance: Reflectance
+    brdf: Brdf
     bytes: int
     notes: tuple[str, ...] = ()
 
 
-def reconstruct_by_name(name: str, measurement: PairMeasurement) -> Rebuilt:
+def reconstruct_by_name(name: str, measurement: PairMeasurement) -> Reconstructed:
     """Return what the method ``name``, a key of ``RECONSTRUCTIONS``, makes of a measurement.
 
     Raises:
@@ -41,22 +41,22 @@ def reconstruct_by_name(name: str, measurement: PairMeasurement) -> Rebuilt:
     return RECONSTRUCTIONS[name](measurement)
 
 
-def _barycentric(measurement: PairMeasurement) -> Rebuilt:
+def _barycentric(measurement: PairMeasurement) -> Reconstructed:
     result = reconstruct_barycentric(measurement)
-    return Rebuilt(result, result.stored_bytes)
+    return Reconstructed(result, result.stored_bytes)
 
 
-def _regular_grid(measurement: PairMeasurement) -> Rebuilt:
+def _regular_grid(measurement: PairMeasurement) -> Reconstructed:
     table = reconstruct_regular_grid(measurement)
-    return Rebuilt(table, table.values.nbytes)
+    return Reconstructed(table, table.values.nbytes)
 
 
-def _rbf(neighbours: int | None, logarithms: bool, measurement: PairMeasurement) -> Rebuilt:
+def _rbf(neighbours: int | None, logarithms: bool, measurement: PairMeasurement) -> Reconstructed:
     result = reconstruct_rbf(measurement, neighbours, logarithms=logarithms)
-    return Rebuilt(result.reflectance, result.reflectance.stored_bytes, result.notes)
+    return Reconstructed(result.brdf, result.brdf.stored_bytes, result.notes)
 
 
-RECONSTRUCTIONS: Mapping[str, Callable[[PairMeasurement], Rebuilt]] = MappingProxyType(
+RECONSTRUCTIONS: Mapping[str, Callable[[PairMeasurement], Reconstructed]] = MappingProxyType(
     {
         "barycentric": _barycentric,
         "rbf_global": partial(_rbf, None, False),

@@ -34,7 +34,7 @@ class PairTable:
     """Values for all pairs of n directions.
 
     Attributes:
-        theta, phi: the directions in radians, each (n,), by ascending elevation, then azimuth;
+        theta, phi: the directions in radians, each (n,), by ascending polar angle, then azimuth;
             the azimuth of the normal is 0.
         values: (n, n, 3) f_r in 1/sr, illumination first.
         reciprocal: whether light and view may change places.

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from simrig.brdf.tables.rbf import BAND, RbfReflectance, Spline, Told
+from simrig.brdf.tables.rbf import BAND, Progress, RbfBrdf, Spline
 from simrig.core.errors import SimrigError
 from simrig.directions.onion import to_onion
 from simrig.directions.spherical import to_vector
@@ -36,13 +36,13 @@ class RbfResult:
     """A reconstruction and what has to be said about it.
 
     Attributes:
-        reflectance: the result.
+        brdf: the result.
         fits: of the one or two global splines; none for local ones, which have a system for
             every set of neighbours.
         notes: nodes, memory, condition, duplicates that were merged, smoothing.
     """
 
-    reflectance: RbfReflectance
+    brdf: RbfBrdf
     fits: tuple[FittedSpline, ...]
     notes: tuple[str, ...]
 
@@ -81,7 +81,7 @@ def reconstruct_rbf(
     made = [_spline(nodes, own, neighbours, measurement.material) for nodes, own in halves]
     theta_max = float(max(measurement.theta_i.max(), measurement.theta_v.max()))
     kind = "RBF" if neighbours is None else f"RBF of {neighbours} neighbours"
-    reflectance = RbfReflectance(
+    brdf = RbfBrdf(
         made[0][0],
         made[-1][0],
         values.min(axis=0),
@@ -97,7 +97,7 @@ def reconstruct_rbf(
     repeated = len(values) - len(_merged(np.concatenate(directions, axis=1), values)[0])
     if repeated:
         notes.append(f"{repeated} repeated samples merged")
-    return RbfResult(reflectance, fits, tuple(notes))
+    return RbfResult(brdf, fits, tuple(notes))
 
 
 def rbf_weights(nodes: PairMeasurement, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
@@ -118,7 +118,7 @@ def rbf_weights(nodes: PairMeasurement, wi: np.ndarray, wv: np.ndarray) -> np.nd
     light, view = (_spline(*half, None, nodes.material)[0] for half in halves)
     endless = np.full(count, np.inf)
     theta_max = float(max(nodes.theta_i.max(), nodes.theta_v.max()))
-    spline = RbfReflectance(light, view, -endless, endless, None, theta_max, nodes.material)
+    spline = RbfBrdf(light, view, -endless, endless, None, theta_max, nodes.material)
     return spline.values(wi, wv)
 
 
@@ -127,7 +127,7 @@ def _halves(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the nodes (n, 4) and values (n, 3) of each half, with a margin for the blending.
 
-    A reciprocal material has one half, and pairs of nearly equal elevations are in it twice, in
+    A reciprocal material has one half, and pairs of nearly equal polar angles are in it twice, in
     both orders.
     """
     wi = to_vector(measurement.theta_i, measurement.phi_i)
@@ -213,7 +213,7 @@ class LocalSplines:
         return self.nodes.nbytes + self.values.nbytes
 
     def __call__(
-        self, points: np.ndarray, float_type: type | None = None, told: Told | None = None
+        self, points: np.ndarray, float_type: type | None = None, told: Progress | None = None
     ) -> np.ndarray:
         """Return (p, 3) at points (p, 4), always in float64; ``told`` hears how many are done."""
         result = np.empty((len(points), 3))

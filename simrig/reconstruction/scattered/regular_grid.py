@@ -19,7 +19,7 @@ def reconstruct_regular_grid(measurement: PairMeasurement) -> DenseTable:
 
     Args:
         measurement: every pair (in one order at least) of the normal and of rings that all have
-            the same azimuths, from 0 in equal steps, at elevations in equal steps; the last one
+            the same azimuths, from 0 in equal steps, at polar angles in equal steps; the last one
             may be shorter.
 
     Returns:
@@ -44,7 +44,7 @@ def reconstruct_regular_grid(measurement: PairMeasurement) -> DenseTable:
     if not regular:
         raise SimrigError(
             f"the directions measured of '{measurement.material}' are no regular grid of "
-            "elevations and azimuths: use barycentric, which takes any directions"
+            "polar angles and azimuths: use barycentric, which takes any directions"
         )
     number = np.concatenate([np.zeros(m, dtype=np.int64), 1 + np.arange(rings * m)])
     n = rings + 1

@@ -1,8 +1,9 @@
 """From samples along slices to values, interpolated along highlights (thesis section 5.7).
 
-The measurements are those of section 5.3 (``simrig.reconstruction.slices.tables`` and ``subspace``); only
-the interpolation differs. ``simrig.brdf.slices.along_highlights`` says how values between slices
-come about. The splines along slices are of the same logarithms: they dip less beside a highlight.
+The measurements are those of section 5.3 (``simrig.reconstruction.slices.tables`` and
+``subspace``); only the interpolation differs. ``simrig.brdf.slices.along_highlights`` says how
+values between slices come about. The splines along slices are of the same logarithms: they dip less
+beside a highlight.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from simrig.brdf.slices.along_highlights import (
     swept_along_highlights,
 )
 from simrig.brdf.slices.highlight_slices import HighlightSlices
-from simrig.brdf.slices.slices import SliceReflectance, along_slice
+from simrig.brdf.slices.slices import SliceBrdf, along_slice
 from simrig.core.arrays import Array, float_type, gather_colour, is_numpy, to_device, vector_type
 from simrig.directions import wrap_angle
 from simrig.plans.adaptive import AdaptiveSamples
@@ -32,11 +33,11 @@ from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct_sl
 
 @dataclass(frozen=True)
 class HighlightSubspace(Subspace):
-    """Reflectance over both azimuths at fixed elevations, interpolated along highlights.
+    """Reflectance over both azimuths at fixed polar angles, interpolated along highlights.
 
     Attributes:
         corners, axial, diagonal: as ``Subspace``.
-        theta_i, theta_v: the elevations in radians.
+        theta_i, theta_v: the polar angles in radians.
     """
 
     theta_i: float
@@ -88,12 +89,12 @@ def reconstruct_subspace_along_highlights(
     Args and Raises: as ``reconstruct_subspace``.
     """
 
-    def rebuild(of: AdaptiveSamples) -> Subspace:
+    def reconstruct(of: AdaptiveSamples) -> Subspace:
         return reconstruct_subspace(of, placement, interpolation, azimuth_samples)
 
-    first = rebuild(samples)
+    first = reconstruct(samples)
     offset = offsets(first.axial[:-1], first.diagonal[:-1])
-    known = rebuild(_compressed_samples(samples, offset))
+    known = reconstruct(_compressed_samples(samples, offset))
     corners, axial, diagonal = (
         _expanded_table(table, offset) for table in (known.corners, known.axial, known.diagonal)
     )
@@ -107,13 +108,13 @@ def reconstruct_along_highlights(
     azimuth_samples: int = 360,
     largest_node_step_deg: float = 2.0,
 ) -> HighlightSlices:
-    """Return the reflectance that a measurement along slices gives, interpolated along highlights.
+    """Return the BRDF that a measurement along slices gives, interpolated along highlights.
 
     Args and Raises: as ``simrig.reconstruction.slices.tables.reconstruct``; the value at
     the pole is always one.
     """
 
-    def rebuild(of: AdaptiveSamples) -> SliceReflectance:
+    def reconstruct(of: AdaptiveSamples) -> SliceBrdf:
         return reconstruct_slices(
             of,
             measurement.placement,
@@ -123,9 +124,9 @@ def reconstruct_along_highlights(
             largest_node_step_deg=largest_node_step_deg,
         )
 
-    first = rebuild(measurement.samples).data()
+    first = reconstruct(measurement.samples).data()
     offset = offsets(first["axial"], first["diagonal"])
-    known = rebuild(_compressed_samples(measurement.samples, offset))
+    known = reconstruct(_compressed_samples(measurement.samples, offset))
     tables = {key: _expanded_table(table, offset) for key, table in known.data().items()}
     name = (
         f"{measurement.material} from {len(measurement.samples.values)} samples, along highlights"

@@ -1,7 +1,7 @@
-"""One two-dimensional subspace of two elevations, from its slices (thesis section 5.3).
+"""One two-dimensional subspace of two polar angles, from its slices (thesis section 5.3).
 
 The same slices, rows and look-ups as in four dimensions (``simrig.brdf.slices.slices``), without
-the two elevations: r = max(p + q − c, smallest of the four slice values).
+the two polar angles: r = max(p + q − c, smallest of the four slice values).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from simrig.reconstruction.slices.tables import fill_rows, padded_corners, pair_
 
 @dataclass(frozen=True)
 class Subspace:
-    """Reflectance over both azimuths at fixed elevations.
+    """Reflectance over both azimuths at fixed polar angles.
 
     Attributes:
         corners: (a_n + 1, 2·a_n + 1, 3) values at the intersections.

@@ -1,4 +1,4 @@
-"""From samples along slices to a reflectance (thesis sections 5.2, 5.3 and D.4)."""
+"""From samples along slices to a BRDF (thesis sections 5.2, 5.3 and D.4)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from simrig.brdf.slices.layout import SliceLayout
-from simrig.brdf.slices.slices import SliceReflectance
+from simrig.brdf.slices.slices import SliceBrdf
 from simrig.plans.adaptive import AdaptiveSamples
 from simrig.plans.placement import SlicePlacement
 from simrig.plans.slices import AXIAL, CIRCLE, DIAGONAL, HORIZONTAL, Slices, build_slices
@@ -35,9 +35,9 @@ def slice_layout(
 ) -> SliceLayout:
     """Return the table structure for a placement.
 
-    The elevation grid has the largest step, at most ``largest_node_step_deg``, that meets all
-    measured elevations exactly (in whole twelfths of a degree, and not below 0.25°); where there
-    is none, every interval between measured elevations has its own step.
+    The polar angle grid has the largest step, at most ``largest_node_step_deg``, that meets all
+    measured polar angles exactly (in whole twelfths of a degree, and not below 0.25°); where there
+    is none, every interval between measured polar angles has its own step.
 
     Args:
         placement: where the slices lie.
@@ -45,16 +45,16 @@ def slice_layout(
         largest_node_step_deg: see above.
         one_pole: one value at theta_i = theta_v = 0, whatever the azimuths are.
     """
-    ticks = np.degrees([placement.theta_max, placement.elevation_step]) * 12.0
+    ticks = np.degrees([placement.theta_max, placement.theta_step]) * 12.0
     common = np.gcd(*np.round(ticks).astype(int)) / 12.0
-    intervals = placement.elevation_count - 1
+    intervals = placement.theta_count - 1
     if np.abs(ticks - np.round(ticks)).max() < 1e-5 and common >= 0.25:
         node_step = common / np.ceil(common / largest_node_step_deg - 1e-9)
         count = round(ticks[0] / 12.0 / node_step)
     else:
         count = intervals * int(np.ceil(ticks[1] / 12.0 / largest_node_step_deg - 1e-9))
     return SliceLayout(
-        placement.elevation_step,
+        placement.theta_step,
         placement.azimuth_step,
         placement.theta_max,
         azimuth_samples,
@@ -70,8 +70,8 @@ def reconstruct(
     azimuth_samples: int = 360,
     largest_node_step_deg: float = 2.0,
     one_pole: bool = True,
-) -> SliceReflectance:
-    """Return the reflectance that a measurement along slices gives.
+) -> SliceBrdf:
+    """Return the BRDF that a measurement along slices gives.
 
     Args:
         measurement: what a rig recorded (``simrig.rigs.measurements.slices.Measurement``).
@@ -104,8 +104,8 @@ def reconstruct_slices(
     largest_node_step_deg: float = 2.0,
     one_pole: bool = True,
     name: str = "slices",
-) -> SliceReflectance:
-    """Pre-interpolate all slices into the tables of a ``SliceReflectance``.
+) -> SliceBrdf:
+    """Pre-interpolate all slices into the tables of a ``SliceBrdf``.
 
     Args:
         samples: what was measured along the slices of ``placement``.
@@ -113,7 +113,7 @@ def reconstruct_slices(
         slice_types: the types that were measured, ``"all"`` or ``"axial_diagonal"``.
         interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         azimuth_samples: samples over 360° along axial and diagonal slices.
-        largest_node_step_deg: largest step of the elevation grid, in degrees.
+        largest_node_step_deg: largest step of the polar angle grid, in degrees.
         one_pole: see ``reconstruct``.
         name: name of the result.
 
@@ -133,7 +133,7 @@ def reconstruct_slices(
     if slice_types == "all":
         rows = _horizontal_rows(layout, number)
         horizontal = fill_rows(interpolate, rows, layout.nodes, shapes["horizontal"])
-    return SliceReflectance(layout, corners, axial, diagonal, horizontal, name)
+    return SliceBrdf(layout, corners, axial, diagonal, horizontal, name)
 
 
 def slice_numbers(slices: Slices) -> dict[tuple[int, ...], int]:
@@ -164,7 +164,7 @@ def fill_rows(
 
 
 def _pairs(layout: SliceLayout) -> list[tuple[int, int]]:
-    return [(i, v) for v in range(layout.elevation_count) for i in range(v + 1)]
+    return [(i, v) for v in range(layout.theta_count) for i in range(v + 1)]
 
 
 def _rows(layout: SliceLayout, number: dict, kind: int) -> tuple[np.ndarray, np.ndarray]:
@@ -180,7 +180,7 @@ def pair_rows(
     """Return which slice fills every row of one subspace, and the shift of its position.
 
     Args:
-        pair: numbers of the two elevations.
+        pair: numbers of the two polar angles.
         a_n: slices of one kind.
         number: slices by kind and indices.
         kind: AXIAL or DIAGONAL.
@@ -202,7 +202,7 @@ def _horizontal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.
     a_n, turn = layout.azimuth_count, 2 * layout.azimuth_count
     rows = [
         number[HORIZONTAL, i, 0, j if i else 0, (k if i else k + j) % turn]
-        for i in range(layout.elevation_count)
+        for i in range(layout.theta_count)
         for j in range(a_n)
         for k in range(turn + 1)
     ]
@@ -212,7 +212,7 @@ def _horizontal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.
 def _corner_table(placement: SlicePlacement) -> np.ndarray:
     """Return the sample at every stored intersection, (pairs, a_n + 1, 2·a_n + 1)."""
     corners = placement.corner_samples()
-    pairs = [(i, v) for v in range(placement.elevation_count) for i in range(v + 1)]
+    pairs = [(i, v) for v in range(placement.theta_count) for i in range(v + 1)]
     return np.stack([padded_corners(corners[i, v]) for i, v in pairs])
 
 

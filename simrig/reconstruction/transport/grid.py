@@ -183,7 +183,7 @@ def transport_rows(ends: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarr
     Args:
         ends: (2, rows, columns, 3).
         weights: (t,).
-        axis: the azimuth along which mass moves, 0 or 1: that of the direction whose elevation
+        axis: the azimuth along which mass moves, 0 or 1: that of the direction whose polar angle
             changes.
 
     Returns:

@@ -13,24 +13,24 @@ from simrig.mesostructure.tile import Tile
 from simrig.rigs.btf.camera import TileCamera
 from simrig.rigs.tolerances import largest_change
 
-MOST_ORDERS = 8
+MOST_BOUNCES = 8
 _VIEWS, _LIGHTS = 5, 16  # that are looked at
 _TEXELS, _SPP = 24, 16
 _LARGEST_RATIO = 0.95  # of an order to the one before it, of what is beyond the last
 
 
 @dataclass(frozen=True, eq=False)
-class OrdersSubject:
+class BouncesSubject:
     """What the bounds are about.
 
     Attributes:
-        orders: (k, n, 3) f_r that each order adds to texels of some pairs, the last with an
+        bounces: (k, n, 3) f_r that each order adds to texels of some pairs, the last with an
             estimate of all beyond it.
-        theta_i: (n,) elevations of the light in radians.
+        theta_i: (n,) polar angles of the light in radians.
         seconds: that one order of all images takes.
     """
 
-    orders: np.ndarray
+    bounces: np.ndarray
     theta_i: np.ndarray
     seconds: float
 
@@ -49,24 +49,24 @@ class OrderEffect:
     @property
     def description(self) -> str:
         """One line."""
-        beyond = " or more" if self.order == MOST_ORDERS else ""
+        beyond = " or more" if self.order == MOST_BOUNCES else ""
         return f"light that the material reflected {self.order}{beyond} times"
 
-    def bound(self, subject: OrdersSubject, tolerance: Tolerance) -> Bound:
+    def bound(self, subject: BouncesSubject, tolerance: Tolerance) -> Bound:
         """Return what the order was measured to add."""
-        added = subject.orders[self.order - 1]
-        whole = subject.orders.sum(axis=0)
+        added = subject.bounces[self.order - 1]
+        whole = subject.bounces.sum(axis=0)
         value = largest_change(whole, added, subject.theta_i, tolerance)
         share = float(added.sum() / max(whole.sum(), 1e-30))
         text = f"measured, {100.0 * share:.2g} % of the light"
         return Bound(value, tolerance.unit, text, absent=value == 0.0)
 
-    def cost(self, subject: OrdersSubject) -> float:
+    def cost(self, subject: BouncesSubject) -> float:
         """Return the seconds of one order."""
         return subject.seconds
 
 
-def plan_orders(
+def plan_bounces(
     tile: Tile,
     angles: np.ndarray,
     tolerance: Tolerance,
@@ -75,10 +75,10 @@ def plan_orders(
     spp: int,
     seed: int = 0,
 ) -> Plan:
-    """Decide how many orders a measurement simulates; ``settings["orders"]`` says it.
+    """Decide how many orders a measurement simulates; ``settings["bounces"]`` says it.
 
-    Each order up to ``MOST_ORDERS`` is rendered for a few pairs at few texels. What lies beyond the
-    last is taken as a geometric series. A flat tile has one order only.
+    Each order up to ``MOST_BOUNCES`` is rendered for a few pairs at few texels. What lies beyond
+    the last is taken as a geometric series. A flat tile has one order only.
 
     Args:
         tile: the material.
@@ -87,22 +87,22 @@ def plan_orders(
         resolution, spp: of the measurement, for the cost.
         seed: of the samples.
     """
-    effects = tuple(OrderEffect(order) for order in range(2, MOST_ORDERS + 1))
+    effects = tuple(OrderEffect(order) for order in range(2, MOST_BOUNCES + 1))
     elapsed = stopwatch()
     if tile.height_mm[0] == tile.height_mm[1]:
-        flat = np.zeros((MOST_ORDERS, 1, 3))
+        flat = np.zeros((MOST_BOUNCES, 1, 3))
         flat[0] = 1.0
-        subject = OrdersSubject(flat, np.zeros(1), 0.0)
+        subject = BouncesSubject(flat, np.zeros(1), 0.0)
     else:
         subject = _probed(tile, angles, float(resolution[0]) * resolution[1] * spp, seed)
     decisions: tuple[Decision, ...] = decide(effects, subject, tolerance, Overrides())
     on = [order for order, decision in enumerate(decisions, start=2) if decision.on]
-    settings = {"orders": max(on, default=1)}
+    settings = {"bounces": max(on, default=1)}
     about = {"planning_seconds": elapsed()}
     return Plan(decisions, settings, tolerance, about)
 
 
-def _probed(tile: Tile, angles: np.ndarray, samples: float, seed: int) -> OrdersSubject:
+def _probed(tile: Tile, angles: np.ndarray, samples: float, seed: int) -> BouncesSubject:
     """Render all orders of a few pairs; ``samples`` per image tell the cost."""
     views = _spread(np.unique(angles[:, [1, 3]], axis=0), _VIEWS)
     lights = _spread(np.unique(angles[:, [0, 2]], axis=0), _LIGHTS)
@@ -115,20 +115,20 @@ def _probed(tile: Tile, angles: np.ndarray, samples: float, seed: int) -> Orders
     seconds: list[float] = []
     for number, view in enumerate(to_vector(views[:, 0], views[:, 1])):
         elapsed = stopwatch()
-        found.append(camera.view(view, numbers, MOST_ORDERS, number).values)
+        found.append(camera.view(view, numbers, MOST_BOUNCES, number).values)
         seconds.append(elapsed())
-    orders = np.concatenate(found, axis=1).astype(np.float64)  # (orders, pairs, H, W, 3)
-    before, last = orders[-2].sum(), orders[-1].sum()
+    bounces = np.concatenate(found, axis=1).astype(np.float64)  # (orders, pairs, H, W, 3)
+    before, last = bounces[-2].sum(), bounces[-1].sum()
     ratio = min(last / before, _LARGEST_RATIO) if before > 0.0 else 0.0
-    orders[-1] /= 1.0 - ratio
+    bounces[-1] /= 1.0 - ratio
     theta_i = np.repeat(np.tile(lights[:, 0], len(views)), _TEXELS**2)
     # the first view compiles
-    per_image = min(seconds) / MOST_ORDERS / len(lights) / (_TEXELS**2 * _SPP)
+    per_image = min(seconds) / MOST_BOUNCES / len(lights) / (_TEXELS**2 * _SPP)
     total = per_image * samples * len(angles)
-    return OrdersSubject(orders.reshape(MOST_ORDERS, -1, 3), theta_i, total)
+    return BouncesSubject(bounces.reshape(MOST_BOUNCES, -1, 3), theta_i, total)
 
 
 def _spread(rows: np.ndarray, count: int) -> np.ndarray:
-    """Return at most ``count`` rows, evenly apart in their order (by elevation)."""
+    """Return at most ``count`` rows, evenly apart in their order (by polar angle)."""
     places = np.linspace(0, len(rows) - 1, min(count, len(rows)))
     return rows[np.round(places).astype(int)]

@@ -52,7 +52,7 @@ class TileCamera:
     Args:
         tile: the material.
         lights: (n, 3) unit vectors towards all lights that will be asked for.
-        theta_max_deg: largest elevation of any view or light.
+        theta_max_deg: largest polar angle of any view or light.
         resolution: (height, width) in texels.
         spp: samples per texel.
         seed: of the positions of the samples and of the paths.
@@ -96,20 +96,20 @@ class TileCamera:
         )
 
     def view(
-        self, omega_v: np.ndarray, lights: np.ndarray, orders: int = 1, number: int = 0
+        self, omega_v: np.ndarray, lights: np.ndarray, bounces: int = 1, number: int = 0
     ) -> ViewImages:
         """Return the images of one view.
 
         Args:
             omega_v: (3,) unit vector towards the camera.
             lights: numbers of the lights, among those the camera was made with.
-            orders: reflections on the way, 1 for direct light.
+            bounces: reflections on the way, 1 for direct light.
             number: of the view; views of different numbers have other samples.
         """
         height, width = self.resolution
         rows = max(1, min(height, _RECORDS // (width * self.spp)))
         blocks = [
-            self._rows(omega_v, lights, orders, number, first, min(rows, height - first))
+            self._rows(omega_v, lights, bounces, number, first, min(rows, height - first))
             for first in range(0, height, rows)
         ]
         values = np.concatenate([values for values, _ in blocks], axis=2)
@@ -120,7 +120,7 @@ class TileCamera:
         return ViewImages(values, error)
 
     def _rows(
-        self, omega_v: np.ndarray, lights: np.ndarray, orders: int, number: int, first: int, n: int
+        self, omega_v: np.ndarray, lights: np.ndarray, bounces: int, number: int, first: int, n: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return values (orders, lights, n, W, 3) and the difference of the halves of rows."""
         width = self.resolution[1]
@@ -129,7 +129,7 @@ class TileCamera:
         weight: Any = None
         values: list[np.ndarray] = []
         apart: np.ndarray = np.zeros((len(lights), n, width, 3), dtype=np.float32)
-        for order in range(orders):
+        for order in range(bounces):
             if order:
                 si, weight = self._bounced(si, weight, number, order, first * width, texels)
             halves = self._lit(si, weight, lights, texels)

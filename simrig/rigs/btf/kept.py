@@ -22,7 +22,7 @@ def kept_btf(
     resolution: int | tuple[int, int] = 128,
     spp: int = 16,
     *,
-    orders: int | str = AUTO,
+    bounces: int | str = AUTO,
     seed: int = 0,
     variant: str = "auto",
     progress: Callable[..., None] | None = None,
@@ -44,8 +44,8 @@ def kept_btf(
             "samples per texel": spp,
             "seed": seed,
         }
-        if orders != AUTO:  # those that a plan found are not planned again
-            wanted["orders"] = orders
+        if bounces != AUTO:  # those that a plan found are not planned again
+            wanted["bounces"] = bounces
         stack = read_btf(path)
         _check_same(path, stack, wanted, by_view(angles))
         return stack
@@ -59,7 +59,7 @@ def kept_btf(
         angles,
         resolution,
         spp,
-        orders=orders,
+        bounces=bounces,
         seed=seed,
         path=path,
         variant=variant,
@@ -77,7 +77,7 @@ def _check_same(
         "texels": list(stack.resolution),
         "samples per texel": held.get("spp"),
         "seed": held.get("seed"),
-        "orders": held.get("orders"),
+        "bounces": held.get("bounces"),
     }
     other = [name for name, value in wanted.items() if found[name] != value]
     if not np.array_equal(stack.angles, angles):

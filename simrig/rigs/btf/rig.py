@@ -27,7 +27,7 @@ from simrig.directions.schemes import HemisphereScheme, hemisphere_81
 from simrig.directions.spherical import to_vector
 from simrig.files.btf.hdf5 import BtfWriter, read_btf, read_notes
 from simrig.mesostructure.tile import Tile
-from simrig.rigs.btf.bounces import MOST_ORDERS, plan_orders
+from simrig.rigs.btf.bounces import MOST_BOUNCES, plan_bounces
 from simrig.rigs.btf.camera import TileCamera
 
 AUTO = "auto"
@@ -83,7 +83,7 @@ def measure_btf(
     resolution: int | tuple[int, int] = 128,
     spp: int = 16,
     *,
-    orders: int | str = AUTO,
+    bounces: int | str = AUTO,
     tolerance: Tolerance | None = None,
     seed: int = 0,
     path: str | Path | None = None,
@@ -96,11 +96,11 @@ def measure_btf(
 
     Args:
         tile: the material.
-        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians, elevations up to 89°; all pairs
+        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians, polar angles up to 89°; all pairs
             of 81 directions when not given.
         resolution: (height, width) in texels, or the width of a tile with square texels.
         spp: samples per texel.
-        orders: how often light is reflected at most, or ``"auto"``: as the tolerance needs.
+        bounces: how often light is reflected at most, or ``"auto"``: as the tolerance needs.
         tolerance: for ``"auto"``; ΔE 0.5 when not given.
         seed: of the samples. The same arguments give the same bits.
         path: an HDF5 file to write to, view by view. An interrupted measurement leaves its part,
@@ -123,17 +123,17 @@ def measure_btf(
     if dtype not in (np.float16, np.float32):
         raise SimrigError(f"a BTF is stored as float16 or float32, not as {np.dtype(dtype)}")
     backend.select(variant)
-    if orders == AUTO:
+    if bounces == AUTO:
         allowed = tolerance or parse_tolerance(DEFAULT_TOLERANCE)
-        plan = plan_orders(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
-        orders = int(plan.settings["orders"])
-    checked = checked_orders(orders)
+        plan = plan_bounces(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
+        bounces = int(plan.settings["bounces"])
+    checked = checked_bounces(bounces)
     provenance = {
         "rig": "virtual BTF",
         "tile": {"name": tile.name, "triangles": tile.triangles, "height_mm": tile.height_mm},
         **(about or {}),
         "spp": spp,
-        "orders": checked,
+        "bounces": checked,
         "seed": seed,
         "versions": {"simrig": simrig.__version__, "mitsuba": mi.__version__},
         "variant": mi.variant(),
@@ -164,7 +164,7 @@ def _fill(
     writer: BtfWriter,
     camera: TileCamera,
     views: list[BtfView],
-    orders: int,
+    bounces: int,
     progress: Callable[..., None] | None,
 ) -> None:
     """Measure the views that a file lacks."""
@@ -174,7 +174,7 @@ def _fill(
             progress(done, len(views))
         if missing.isdisjoint(range(view.pairs.start, view.pairs.stop)):
             continue
-        images = camera.view(view.omega_v, view.lights, orders, view.number)
+        images = camera.view(view.omega_v, view.lights, bounces, view.number)
         writer.note(STANDARD_ERROR, view.first, images.standard_error, "1/sr, mean over texels")
         writer.write(view.first, images.values.sum(axis=0))
         writer.flush()
@@ -187,7 +187,7 @@ def _in_memory(
     camera: TileCamera,
     angles: np.ndarray,
     views: list[BtfView],
-    orders: int,
+    bounces: int,
     provenance: dict[str, Any],
     dtype: type,
     progress: Callable[..., None] | None,
@@ -195,7 +195,7 @@ def _in_memory(
     values: np.ndarray = np.empty((len(angles), *camera.resolution, 3), dtype=dtype)
     errors = np.empty(len(angles))
     for done, view in enumerate(views):
-        images = camera.view(view.omega_v, view.lights, orders, view.number)
+        images = camera.view(view.omega_v, view.lights, bounces, view.number)
         values[view.pairs] = images.values.sum(axis=0)
         errors[view.pairs] = images.standard_error
         if progress is not None:
@@ -221,7 +221,8 @@ def checked_plan(angles: np.ndarray) -> np.ndarray:
     """Return pairs as float64, or say what is wrong with them.
 
     Raises:
-        SimrigError: another shape, no pairs, NaN, a pair that appears twice, or elevations outside
+        SimrigError: another shape, no pairs, NaN, a pair that appears twice, or polar angles
+        outside
             of 0° to 89°.
     """
     angles = np.array(angles, dtype=np.float64)
@@ -231,7 +232,7 @@ def checked_plan(angles: np.ndarray) -> np.ndarray:
     steepest = float(np.degrees(angles[:, :2].max()))
     if steepest > _STEEPEST_DEG:
         raise SimrigError(
-            f"a BTF is measured at elevations up to {_STEEPEST_DEG:g}°, the plan has {steepest:g}°"
+            f"a BTF reaches polar angles up to {_STEEPEST_DEG:g}°, the plan has {steepest:g}°"
         )
     twice = repeated_pair(angles)
     if twice is not None:
@@ -255,12 +256,12 @@ def resolution_of(tile: Tile, resolution: int | tuple[int, int]) -> tuple[int, i
     return int(resolution[0]), int(resolution[1])
 
 
-def checked_orders(orders: Any) -> int:
+def checked_bounces(bounces: Any) -> int:
     """Return the number of orders.
 
     Raises:
         SimrigError: not a whole number from 1 to the most that is simulated.
     """
-    if isinstance(orders, str) or orders != int(orders) or not 1 <= orders <= MOST_ORDERS:
-        raise SimrigError(f"orders must be 1 to {MOST_ORDERS} or '{AUTO}', got '{orders}'")
-    return int(orders)
+    if isinstance(bounces, str) or bounces != int(bounces) or not 1 <= bounces <= MOST_BOUNCES:
+        raise SimrigError(f"orders must be 1 to {MOST_BOUNCES} or '{AUTO}', got '{bounces}'")
+    return int(bounces)

@@ -1,9 +1,9 @@
 """Effects of a gonioreflectometer: what optics, mechanics and sensor change in a measurement.
 
 Each effect bounds, from f_r around the directions that are measured, what leaving it out can
-change; ``simrig.rigs.direct.recording`` simulates it. Averages over the light, the lens and the spot are
-bounded by the opposite nodes of their quadrature that change a value most: the average over all
-pairs cannot change it more.
+change; ``simrig.rigs.direct.recording`` simulates it. Averages over the light, the lens and the
+spot are bounded by the opposite nodes of their quadrature that change a value most: the average
+over all pairs cannot change it more.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Bound, Overrides, Plan, Tolerance, decide
 from simrig.core.errors import SimrigError, unknown_name
@@ -34,7 +34,7 @@ class RigSubject:
     """What the bounds are about: a material, an instrument, and where it is looked at.
 
     Attributes:
-        reflectance: the material.
+        brdf: the material.
         instrument: optics and sensor.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
         samples: that will be measured, for the cost.
@@ -42,7 +42,7 @@ class RigSubject:
         evaluation_seconds: of one evaluation of f_r.
     """
 
-    reflectance: Reflectance
+    brdf: Brdf
     instrument: Instrument
     angles: np.ndarray
     samples: int
@@ -53,7 +53,7 @@ class RigSubject:
         if self.angles.ndim != 2 or self.angles.shape[1] != 4 or len(self.angles) == 0:
             raise SimrigError("a rig is planned for directions of shape (n, 4), n >= 1")
         elapsed = stopwatch()
-        values = recording.at(self.reflectance, recording.within_reach(self.angles))
+        values = recording.at(self.brdf, recording.within_reach(self.angles))
         seconds = elapsed()
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "evaluation_seconds", seconds / len(self.angles))
@@ -102,7 +102,7 @@ class RigEffect:
 def _spread(effect: str, what: Callable[[Instrument], str]) -> Deviation:
     def deviation(subject: RigSubject) -> tuple[np.ndarray, str]:
         angles = recording.within_reach(subject.angles)
-        at = recording.at_nodes(subject.reflectance, angles, subject.instrument, {effect})
+        at = recording.at_nodes(subject.brdf, angles, subject.instrument, {effect})
         first, second = np.split(at, 2, axis=1)
         change = np.abs(0.5 * (first + second) - subject.values[:, None, :]).max(axis=1)
         return _SAFETY * change + _ROUNDING * subject.values, what(subject.instrument)
@@ -143,7 +143,7 @@ def _positioning(subject: RigSubject) -> tuple[np.ndarray, str]:
     largest = np.zeros_like(subject.values)
     for signs in product((-1.0, 0.0, 1.0), repeat=4):
         moved = recording.within_reach(subject.angles + error * np.array(signs))
-        change = np.abs(recording.at(subject.reflectance, moved) - subject.values)
+        change = np.abs(recording.at(subject.brdf, moved) - subject.values)
         np.maximum(largest, change, out=largest)
     explanation = f"every axis stops within ±{subject.instrument.positioning_deg:g}°"
     return _SAFETY * largest, explanation
@@ -164,7 +164,7 @@ def _mirror(subject: RigSubject) -> tuple[np.ndarray, str]:
     share = rig.mirror_reflectance * rig.mirror_coverage
     if share == 0.0:
         return np.zeros_like(subject.values), "the rig has no mirror"
-    gain = recording.mirror_gain(subject.reflectance, subject.angles, rig)
+    gain = recording.mirror_gain(subject.brdf, subject.angles, rig)
     return _SAFETY * gain, f"the mirror sends {100 * share:.2g} % of the light back to the sample"
 
 
@@ -234,7 +234,7 @@ def check_effects(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def plan_directions(
-    reflectance: Reflectance,
+    brdf: Brdf,
     instrument: Instrument,
     tolerance: Tolerance,
     angles: np.ndarray,
@@ -244,7 +244,7 @@ def plan_directions(
     """Decide which effects a measurement at given directions simulates.
 
     Args:
-        reflectance: the material.
+        brdf: the material.
         instrument: optics and sensor.
         tolerance: by how much all left-out effects together may change the values.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians; of many, 1024 spread over all.
@@ -256,7 +256,7 @@ def plan_directions(
     """
     elapsed = stopwatch()
     step = max(len(angles) // _PROBE, 1)
-    subject = RigSubject(reflectance, instrument, angles[::step], samples or len(angles))
+    subject = RigSubject(brdf, instrument, angles[::step], samples or len(angles))
     decisions = decide(RIG_EFFECTS, subject, tolerance, overrides)
     settings = {
         "level": "direct",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import simrig
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme
@@ -53,40 +53,40 @@ class Gonioreflectometer:
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", check_effects(self.effects))
 
-    def measure_directions(self, reflectance: Reflectance, angles: np.ndarray) -> np.ndarray:
+    def measure_directions(self, brdf: Brdf, angles: np.ndarray) -> np.ndarray:
         """Return f_r at given directions, as the rig's effects let it appear.
 
         Args:
-            reflectance: the material.
+            brdf: the material.
             angles: (m, 4) theta_i, theta_v, phi_i, phi_v in radians.
 
         Returns:
             (m, 3) linear RGB in 1/sr.
 
         Raises:
-            SimrigError: an elevation outside [0, 90°), or a value that is negative or not finite.
+            SimrigError: a polar angle outside [0, 90°), or a value that is negative or not finite.
         """
         angles = np.asarray(angles, dtype=np.float64)
         theta = angles[:, :2]
         if not np.all((theta >= 0.0) & (theta < np.pi / 2)):
             worst = np.degrees(theta.flat[np.argmax(np.abs(theta - np.pi / 4))])
-            raise SimrigError(f"elevations must lie in [0, 90) degrees, got {worst:g}")
+            raise SimrigError(f"polar angles must lie in [0, 90) degrees, got {worst:g}")
         if self.effects:
-            values = record(reflectance, angles, self.instrument, self.effects)
+            values = record(brdf, angles, self.instrument, self.effects)
         else:
-            values = at(reflectance, angles)
+            values = at(brdf, angles)
         bad = ~np.all(np.isfinite(values) & (values >= 0.0), axis=1)
         if np.any(bad):
             where = ", ".join(f"{a:.2f}°" for a in np.degrees(angles[bad][0]))
             raise SimrigError(
-                f"'{reflectance.name}' is negative or not finite at theta_i, theta_v, phi_i, "
+                f"'{brdf.name}' is negative or not finite at theta_i, theta_v, phi_i, "
                 f"phi_v = {where}: repair the material's data"
             )
         return values
 
     def measure(
         self,
-        reflectance: Reflectance,
+        brdf: Brdf,
         placement: SlicePlacement,
         samples: int,
         *,
@@ -100,7 +100,7 @@ class Gonioreflectometer:
         """Measure one material adaptively along slices.
 
         Args:
-            reflectance: the material.
+            brdf: the material.
             placement: where the slices lie.
             samples: number of distinct direction pairs.
             slice_types: ``"all"`` or ``"axial_diagonal"``.
@@ -113,7 +113,7 @@ class Gonioreflectometer:
             SimrigError: a plan that cannot hold the samples, a placement beyond the material's
                 data, a checkpoint of another measurement.
         """
-        self._check_reach([reflectance], placement.theta_max)
+        self._check_reach([brdf], placement.theta_max)
         setting = {
             **asdict(placement),
             "samples": samples,
@@ -121,11 +121,11 @@ class Gonioreflectometer:
             "k": k,
             "p_1": p_1,
             "p_2": p_2,
-            "material": fingerprint(reflectance),
+            "material": fingerprint(brdf),
             **self._conditions(),
         }
         log = ReplayLog(checkpoint, setting)
-        take = self._taker(reflectance, log, samples, progress)
+        take = self._taker(brdf, log, samples, progress)
         elapsed = stopwatch()
         found = sample_adaptively(
             lambda angles, _: log.measure(angles, take, 512 if checkpoint else len(angles)),
@@ -138,11 +138,11 @@ class Gonioreflectometer:
         )[0]
         seconds = elapsed()
         log.remove()
-        return self._measurement(found, placement, slice_types, reflectance, setting, seconds)
+        return self._measurement(found, placement, slice_types, brdf, setting, seconds)
 
     def measure_many(
         self,
-        reflectances: Sequence[Reflectance],
+        brdfs: Sequence[Brdf],
         placement: SlicePlacement,
         samples: int,
         *,
@@ -154,52 +154,51 @@ class Gonioreflectometer:
         The time of computing is shared out evenly.
 
         Args:
-            reflectances: the materials.
+            brdfs: the materials.
             placement, samples, slice_types: as ``measure``, the same for all.
 
         Raises:
             SimrigError: as ``measure``.
         """
-        self._check_reach(reflectances, placement.theta_max)
+        self._check_reach(brdfs, placement.theta_max)
 
         def take(angles: np.ndarray, owner: np.ndarray) -> np.ndarray:
             values = np.empty((len(angles), 3))
-            for number, reflectance in enumerate(reflectances):
+            for number, brdf in enumerate(brdfs):
                 mine = owner == number
-                values[mine] = self.measure_directions(reflectance, angles[mine])
+                values[mine] = self.measure_directions(brdf, angles[mine])
             return values
 
         elapsed = stopwatch()
         found = sample_adaptively(
-            take, placement, samples, materials=len(reflectances), slice_types=slice_types
+            take, placement, samples, materials=len(brdfs), slice_types=slice_types
         )
-        seconds = elapsed() / len(reflectances)
+        seconds = elapsed() / len(brdfs)
         setting = {"samples": samples, **self._conditions()}
         return [
             self._measurement(own, placement, slice_types, material, setting, seconds)
-            for own, material in zip(found, reflectances, strict=True)
+            for own, material in zip(found, brdfs, strict=True)
         ]
 
     def measure_subspace(
-        self, reflectance: Reflectance, placement: SubspacePlacement, samples: int
+        self, brdf: Brdf, placement: SubspacePlacement, samples: int
     ) -> AdaptiveSamples:
-        """Measure one subspace of two elevations adaptively along its slices.
+        """Measure one subspace of two polar angles adaptively along its slices.
 
         Args:
-            reflectance: the material.
-            placement: the elevations and the slices.
+            brdf: the material.
+            placement: the polar angles and the slices.
             samples: number of distinct direction pairs.
 
         Raises:
-            SimrigError: too few or too many samples, or elevations beyond the material's data.
+            SimrigError: too few or too many samples, or polar angles beyond the material's data.
         """
-        if max(placement.theta_i, placement.theta_v) > reflectance.theta_max + REACH_TOLERANCE:
+        if max(placement.theta_i, placement.theta_v) > brdf.theta_max + REACH_TOLERANCE:
             raise SimrigError(
-                f"'{reflectance.name}' has data up to theta = "
-                f"{np.degrees(reflectance.theta_max):g} degrees only"
+                f"'{brdf.name}' has data up to theta = {np.degrees(brdf.theta_max):g} degrees only"
             )
         return sample_adaptively(
-            lambda angles, _: self.measure_directions(reflectance, angles),
+            lambda angles, _: self.measure_directions(brdf, angles),
             placement,
             samples,
             slice_types="axial_diagonal",
@@ -207,7 +206,7 @@ class Gonioreflectometer:
 
     def measure_scheme(
         self,
-        reflectance: Reflectance,
+        brdf: Brdf,
         scheme: HemisphereScheme,
         *,
         reciprocal: bool | None = None,
@@ -217,7 +216,7 @@ class Gonioreflectometer:
         """Measure all pairs of the directions of a scheme (thesis section D.3).
 
         Args:
-            reflectance: the material.
+            brdf: the material.
             scheme: n directions, the same for illumination and view.
             reciprocal: measure each unordered pair once, n(n + 1)/2 samples, the direction that
                 the scheme names first (with rings: the steeper one) as illumination; or all n²
@@ -227,10 +226,10 @@ class Gonioreflectometer:
         Raises:
             SimrigError: as ``measure_list``.
         """
-        once = reflectance.reciprocal if reciprocal is None else reciprocal
+        once = brdf.reciprocal if reciprocal is None else reciprocal
         pairs = "each unordered pair once" if once else "all ordered pairs"
         return self.measure_list(
-            reflectance,
+            brdf,
             scheme.pair_angles(once),
             plan=f"scheme {scheme.name}, {len(scheme)} directions, {pairs}",
             checkpoint=checkpoint,
@@ -239,7 +238,7 @@ class Gonioreflectometer:
 
     def measure_list(
         self,
-        reflectance: Reflectance,
+        brdf: Brdf,
         angles: np.ndarray,
         *,
         plan: str = "list of directions",
@@ -249,7 +248,7 @@ class Gonioreflectometer:
         """Measure one material at direction pairs that are known in advance.
 
         Args:
-            reflectance: the material.
+            brdf: the material.
             angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
             plan: what the provenance calls the list.
             checkpoint: file that keeps what was measured so far, as in ``measure``.
@@ -260,16 +259,16 @@ class Gonioreflectometer:
                 cannot be, a checkpoint of another measurement.
         """
         angles = np.asarray(angles, dtype=np.float64)
-        self._check_reach([reflectance], float(angles[:, :2].max(initial=0.0)))
+        self._check_reach([brdf], float(angles[:, :2].max(initial=0.0)))
         total = len(angles)
         setting = {
             "plan": plan,
             "samples": total,
-            "material": fingerprint(reflectance),
+            "material": fingerprint(brdf),
             **self._conditions(),
         }
         log = ReplayLog(checkpoint, setting)
-        take = self._taker(reflectance, log, total, progress)
+        take = self._taker(brdf, log, total, progress)
         elapsed = stopwatch()
         # every save writes all that was measured so far: at most fifty of them
         chunk = max(512, total // 50) if checkpoint or progress else total
@@ -278,15 +277,15 @@ class Gonioreflectometer:
         log.remove()
         cost = self._cost(total, seconds, adaptive=False)
         provenance = self._provenance(plan, setting)
-        return DirectionsMeasurement(angles, values, reflectance.name, cost, provenance)
+        return DirectionsMeasurement(angles, values, brdf.name, cost, provenance)
 
     def _taker(
-        self, reflectance: Reflectance, log: ReplayLog, total: int, progress: Progress | None
+        self, brdf: Brdf, log: ReplayLog, total: int, progress: Progress | None
     ) -> Callable[[np.ndarray], np.ndarray]:
         """Return what measures directions and says how many are then done, replayed ones too."""
 
         def take(angles: np.ndarray) -> np.ndarray:
-            values = self.measure_directions(reflectance, angles)
+            values = self.measure_directions(brdf, angles)
             if progress is not None:
                 progress(len(log) + len(values), total)
             return values
@@ -299,13 +298,13 @@ class Gonioreflectometer:
             return {}
         return {"effects": list(self.effects), "instrument": asdict(self.instrument)}
 
-    def _check_reach(self, reflectances: Sequence[Reflectance], theta_max: float) -> None:
-        for reflectance in reflectances:
+    def _check_reach(self, brdfs: Sequence[Brdf], theta_max: float) -> None:
+        for brdf in brdfs:
             # files often hold angles as float32: 80° is then 79.99998°
-            if theta_max > reflectance.theta_max + REACH_TOLERANCE:
-                own, asked = np.degrees([reflectance.theta_max, theta_max])
+            if theta_max > brdf.theta_max + REACH_TOLERANCE:
+                own, asked = np.degrees([brdf.theta_max, theta_max])
                 raise SimrigError(
-                    f"'{reflectance.name}' has data up to theta = {own:g} degrees, the plan asks "
+                    f"'{brdf.name}' has data up to theta = {own:g} degrees, the plan asks "
                     f"for {asked:g}: lower theta_max"
                 )
 
@@ -314,14 +313,14 @@ class Gonioreflectometer:
         found: AdaptiveSamples,
         placement: SlicePlacement,
         slice_types: str,
-        reflectance: Reflectance,
+        brdf: Brdf,
         setting: dict,
         seconds: float,
     ) -> Measurement:
         cost = self._cost(len(found.values), seconds, adaptive=True)
         plan = f"adaptive along slices, {placement.describe()}, {slice_types}"
         provenance = self._provenance(plan, setting)
-        return Measurement(found, placement, slice_types, reflectance.name, cost, provenance)
+        return Measurement(found, placement, slice_types, brdf.name, cost, provenance)
 
     def _cost(self, count: int, seconds: float, adaptive: bool) -> Cost:
         return Cost(

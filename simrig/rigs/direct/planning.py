@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.effects import Overrides, Plan, Tolerance
 from simrig.plans.placement import SlicePlacement, optimal_placement
 from simrig.rigs.direct.effects import plan_directions
@@ -14,7 +14,7 @@ _MOST_PROBED = 10_000  # samples of the measurement that finds the directions
 
 
 def plan_rig(
-    reflectance: Reflectance,
+    brdf: Brdf,
     rig: Gonioreflectometer,
     tolerance: Tolerance,
     *,
@@ -29,7 +29,7 @@ def plan_rig(
     bounds are computed at the directions that a measurement without effects takes.
 
     Args:
-        reflectance: the material.
+        brdf: the material.
         rig: its instrument counts, not its effects.
         tolerance: by how much all left-out effects together may change the values.
         placement: where the slices lie; by default that of thesis Table 5.1.
@@ -46,10 +46,10 @@ def plan_rig(
     placement = placement or optimal_placement(samples)
     probed = max(min(samples, _MOST_PROBED), placement.intersections)
     found = replace(rig, effects=(), plan=None).measure(
-        reflectance, placement, probed, slice_types=slice_types
+        brdf, placement, probed, slice_types=slice_types
     )
     angles = found.samples.angles
-    return plan_directions(reflectance, rig.instrument, tolerance, angles, overrides, samples)
+    return plan_directions(brdf, rig.instrument, tolerance, angles, overrides, samples)
 
 
 def with_plan(rig: Gonioreflectometer, plan: Plan) -> Gonioreflectometer:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simrig.brdf.albedo import directional_albedo
-from simrig.brdf.protocol import Reflectance, evaluate
+from simrig.brdf.protocol import Brdf, evaluate
 from simrig.core.counter_rng import normals, uniforms
 from simrig.directions import to_vector
 from simrig.instruments.instrument import Instrument
@@ -68,7 +68,7 @@ def quadrature(instrument: Instrument, effects: Collection[str], pairs: int = NO
 
 
 def record(
-    reflectance: Reflectance,
+    brdf: Brdf,
     angles: np.ndarray,
     instrument: Instrument,
     effects: Collection[str],
@@ -77,7 +77,7 @@ def record(
     """Return what is recorded where the rig was asked to look.
 
     Args:
-        reflectance: the material.
+        brdf: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v that were asked for, in radians.
         instrument: optics and sensor.
         effects: names of those that are simulated (see ``simrig.rigs.direct.effects``).
@@ -90,14 +90,14 @@ def record(
     reached = angles + positioning_errors(angles, instrument) if "positioning" in on else angles
     reached = within_reach(reached)
     if on & {"light-size", "aperture-size", "spot-size", "fall-off"}:
-        values = averaged(reflectance, reached, instrument, on, pairs)
+        values = averaged(brdf, reached, instrument, on, pairs)
     else:
-        values = at(reflectance, reached)
+        values = at(brdf, reached)
     if "lens-blur" in on:
         leak = border_share(angles, instrument)[:, None]
         values = values + leak * (instrument.border_reflectance / np.pi - values)
     if "mirror" in on:
-        values = values + mirror_gain(reflectance, angles, instrument)
+        values = values + mirror_gain(brdf, angles, instrument)
     if "stray-light" in on:
         values = values + stray_light(angles, instrument)[:, None]
     if on & {"quantisation", "noise"}:
@@ -105,14 +105,14 @@ def record(
     return values
 
 
-def at(reflectance: Reflectance, angles: np.ndarray) -> np.ndarray:
+def at(brdf: Brdf, angles: np.ndarray) -> np.ndarray:
     """Return f_r, (n, 3), at (n, 4) theta_i, theta_v, phi_i, phi_v in radians."""
     wi, wv = to_vector(angles[:, 0], angles[:, 2]), to_vector(angles[:, 1], angles[:, 3])
-    return evaluate(reflectance, wi, wv)
+    return evaluate(brdf, wi, wv)
 
 
 def within_reach(angles: np.ndarray) -> np.ndarray:
-    """Return the angles with the elevations kept above the horizon."""
+    """Return the angles with the polar angles kept above the horizon."""
     reached = angles.copy()
     reached[:, :2] = np.minimum(reached[:, :2], _HORIZON)
     return reached
@@ -125,7 +125,7 @@ def positioning_errors(angles: np.ndarray, instrument: Instrument) -> np.ndarray
 
 
 def averaged(
-    reflectance: Reflectance,
+    brdf: Brdf,
     angles: np.ndarray,
     instrument: Instrument,
     effects: Collection[str],
@@ -134,7 +134,7 @@ def averaged(
     """Return f_r averaged over light, lens and spot, (n, 3).
 
     Args:
-        reflectance: the material.
+        brdf: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
         instrument: whose light, lens and spot have an area.
         effects: names of those that count; the others are points.
@@ -142,14 +142,14 @@ def averaged(
     """
     size = max(_LARGEST_BLOCK // (2 * pairs), 1)
     parts = [
-        at_nodes(reflectance, angles[first : first + size], instrument, effects, pairs).mean(axis=1)
+        at_nodes(brdf, angles[first : first + size], instrument, effects, pairs).mean(axis=1)
         for first in range(0, len(angles), size)
     ]
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
 def at_nodes(
-    reflectance: Reflectance,
+    brdf: Brdf,
     angles: np.ndarray,
     instrument: Instrument,
     effects: Collection[str],
@@ -171,7 +171,7 @@ def at_nodes(
     to_lens = _towards(angles[:, 1], angles[:, 3], instrument.sensor_distance, nodes.lens)
     wi, wv = (_unit(v - at_spot if spread else v) for v in (to_light, to_lens))
     cosine = np.maximum(_unit(to_light)[..., 2:], 0.0)  # of each part of the light
-    values = evaluate(reflectance, wi, wv) * (cosine / cosine.mean(axis=1, keepdims=True))
+    values = evaluate(brdf, wi, wv) * (cosine / cosine.mean(axis=1, keepdims=True))
     if "fall-off" in effects:
         values = values * _irradiance(angles, instrument, at_spot)[..., None]
     return values
@@ -218,13 +218,13 @@ def border_share(angles: np.ndarray, instrument: Instrument) -> np.ndarray:
     return (angle - np.sin(angle) * np.cos(angle)) / np.pi
 
 
-def mirror_gain(reflectance: Reflectance, angles: np.ndarray, instrument: Instrument) -> np.ndarray:
+def mirror_gain(brdf: Brdf, angles: np.ndarray, instrument: Instrument) -> np.ndarray:
     """Return what light adds that a mirror sends back to the sample, all orders, (n, 3).
 
     Light that the sample sends to the mirror comes back spread over the mirror's solid angle.
 
     Args:
-        reflectance: the material.
+        brdf: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
         instrument: its mirror.
     """
@@ -232,7 +232,7 @@ def mirror_gain(reflectance: Reflectance, angles: np.ndarray, instrument: Instru
     if share == 0.0:
         return np.zeros((len(angles), 3))
     theta = np.radians(np.arange(0.0, 90.0, 10.0))
-    table = np.stack([directional_albedo(reflectance, t, 0.0, 32, 64) for t in theta])
+    table = np.stack([directional_albedo(brdf, t, 0.0, 32, 64) for t in theta])
     albedo = [
         np.stack([np.interp(angles[:, k], theta, channel) for channel in table.T], axis=-1)
         for k in (0, 1)

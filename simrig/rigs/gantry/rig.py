@@ -1,7 +1,7 @@
 """A virtual gantry: lights and cameras on two arms that turn around the normal (thesis 6.1, 6.2).
 
 Like the gonioreflectometer it works at the direct level: f_r is evaluated where the rig would
-look. Illumination and view are measured at all pairs of elevations and never exchanged, so what
+look. Illumination and view are measured at all pairs of polar angles and never exchanged, so what
 is not reciprocal (an ABRDF) stays so.
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import simrig
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.errors import SimrigError
 from simrig.files import hdf5
@@ -34,7 +34,7 @@ class GantryMeasurement:
     """What a gantry recorded.
 
     Attributes:
-        plan: the elevations and slices.
+        plan: the polar angles and slices.
         values: (n, 3) f_r in 1/sr, linear RGB, at ``plan.angles()``.
         material: name of what was measured.
         cost: samples, simulated hardware time, compute time and bytes.
@@ -67,22 +67,22 @@ class GantryMeasurement:
         """
         with hdf5.open_checked(path, CONTENT) as file:
             try:
-                settings = json.loads(file.attrs["plan"])
-                plan = GantryPlan(**settings | {"elevations": tuple(settings["elevations"])})
-            except (json.JSONDecodeError, TypeError, KeyError) as error:
+                settings = hdf5.names_now(json.loads(file.attrs["plan"]))
+                plan = GantryPlan(**settings | {"thetas": tuple(settings["thetas"])})
+            except (json.JSONDecodeError, TypeError, KeyError, AttributeError) as error:
                 raise SimrigError(f"'{path}' is damaged: its plan is malformed") from error
             angles, values, material, cost = read_samples(file, plan.samples)
             provenance = hdf5.provenance_of(file)
         if not np.allclose(angles, plan.angles(), atol=1e-9):
             raise SimrigError(f"'{path}' is damaged: its directions are not those of its plan")
         if not np.all(np.isfinite(values)) or values.min() < 0.0:
-            raise SimrigError(f"'{path}' holds negative, infinite or NaN reflectance")
+            raise SimrigError(f"'{path}' holds negative, infinite or NaN values of f_r")
         return cls(plan, values, material, cost, provenance)
 
 
 @dataclass(frozen=True)
 class Gantry:
-    """Two arms around the normal, one with lights and one with cameras at fixed elevations.
+    """Two arms around the normal, one with lights and one with cameras at fixed polar angles.
 
     Attributes:
         timing: how long the hardware takes.
@@ -90,32 +90,30 @@ class Gantry:
 
     timing: GantryTiming = GANTRY_TIMING
 
-    def measure(
-        self, reflectance: Reflectance, plan: GantryPlan | None = None
-    ) -> GantryMeasurement:
+    def measure(self, brdf: Brdf, plan: GantryPlan | None = None) -> GantryMeasurement:
         """Measure one material along the slices of a plan.
 
         Args:
-            reflectance: the material; it need not be reciprocal.
+            brdf: the material; it need not be reciprocal.
             plan: by default the thesis's with 168 samples.
 
         Raises:
-            SimrigError: elevations beyond the material's data, or values that are negative or
+            SimrigError: polar angles beyond the material's data, or values that are negative or
                 not finite.
         """
         plan = plan or GantryPlan()
-        if plan.elevations[-1] > reflectance.theta_max + REACH_TOLERANCE:
-            own, asked = np.degrees([reflectance.theta_max, plan.elevations[-1]])
+        if plan.thetas[-1] > brdf.theta_max + REACH_TOLERANCE:
+            own, asked = np.degrees([brdf.theta_max, plan.thetas[-1]])
             raise SimrigError(
-                f"'{reflectance.name}' has data up to theta = {own:g} degrees, the gantry asks for "
-                f"{asked:g}: choose lower elevations"
+                f"'{brdf.name}' has data up to theta = {own:g} degrees, the gantry asks for "
+                f"{asked:g}: choose lower polar angles"
             )
         elapsed = stopwatch()
-        values = Gonioreflectometer().measure_directions(reflectance, plan.angles())
+        values = Gonioreflectometer().measure_directions(brdf, plan.angles())
         seconds = elapsed()
         cost = Cost(
             samples=plan.samples,
-            hardware_seconds=self.timing.seconds(len(plan.elevations), plan.axial + plan.diagonal),
+            hardware_seconds=self.timing.seconds(len(plan.thetas), plan.axial + plan.diagonal),
             compute_seconds=seconds,
             bytes=plan.samples * 7 * 8,
         )
@@ -124,10 +122,10 @@ class Gantry:
             "plan": plan.describe(),
             "parameters": {
                 **asdict(plan),
-                "elevations": list(plan.elevations),
+                "thetas": list(plan.thetas),
                 "timing": asdict(self.timing),
-                "material": fingerprint(reflectance),
+                "material": fingerprint(brdf),
             },
             "simrig_version": simrig.__version__,
         }
-        return GantryMeasurement(plan, values, reflectance.name, cost, provenance)
+        return GantryMeasurement(plan, values, brdf.name, cost, provenance)

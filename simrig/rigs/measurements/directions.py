@@ -29,7 +29,7 @@ class DirectionsMeasurement:
         provenance: plain values: rig, plan, versions, fingerprint of the material.
 
     Raises:
-        SimrigError: arrays that do not fit together, elevations outside [0, 90°), or values that
+        SimrigError: arrays that do not fit together, polar angles outside [0, 90°), or values that
             are negative or not finite.
     """
 
@@ -49,18 +49,18 @@ class DirectionsMeasurement:
         theta = self.angles[:, :2]
         inside = np.all((theta >= 0.0) & (theta < np.pi / 2))  # false for NaN
         if not inside or not np.all(np.isfinite(self.angles)):
-            raise SimrigError("a measurement needs elevations in [0, 90) degrees, in radians")
+            raise SimrigError("a measurement needs polar angles in [0, 90) degrees, in radians")
         if not np.all(np.isfinite(self.values)) or self.values.min() < 0.0:
-            raise SimrigError("a measurement holds negative, infinite or NaN reflectance")
+            raise SimrigError("a measurement holds negative, infinite or NaN values of f_r")
 
     @property
     def theta_i(self) -> np.ndarray:
-        """Illumination elevations in radians, (n,)."""
+        """Illumination polar angles in radians, (n,)."""
         return self.angles[:, 0]
 
     @property
     def theta_v(self) -> np.ndarray:
-        """View elevations in radians, (n,)."""
+        """View polar angles in radians, (n,)."""
         return self.angles[:, 1]
 
     @property

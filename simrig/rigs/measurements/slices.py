@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
 from simrig.files import hdf5
@@ -45,12 +45,12 @@ class Measurement:
 
     @property
     def theta_i(self) -> np.ndarray:
-        """Illumination elevations in radians, (n,)."""
+        """Illumination polar angles in radians, (n,)."""
         return self.samples.angles[:, 0]
 
     @property
     def theta_v(self) -> np.ndarray:
-        """View elevations in radians, (n,)."""
+        """View polar angles in radians, (n,)."""
         return self.samples.angles[:, 1]
 
     @property
@@ -92,7 +92,8 @@ class Measurement:
             SimrigError: not a measurement, of a later version, truncated, or inconsistent.
         """
         with hdf5.open_checked(path, _MEASUREMENT) as file:
-            steps = (float(file.attrs[k]) for k in ("elevation_step", "azimuth_step", "theta_max"))
+            about = hdf5.names_now(file.attrs)
+            steps = (float(about[k]) for k in ("theta_step", "azimuth_step", "theta_max"))
             placement, slice_types = SlicePlacement(*steps), str(file.attrs["slice_types"])
             slices = build_slices(placement, slice_types)
             knots = Knots(
@@ -134,7 +135,7 @@ def _check(measurement: Measurement, path: str | Path) -> None:
     if np.any(np.diff(knots.position)[inside[1:]] <= 0.0):
         raise SimrigError(f"'{path}' is damaged: positions along a slice do not ascend")
     if not np.all(np.isfinite(samples.values)) or samples.values.min() < 0.0:
-        raise SimrigError(f"'{path}' holds negative, infinite or NaN reflectance")
+        raise SimrigError(f"'{path}' holds negative, infinite or NaN values of f_r")
 
 
 class ReplayLog:
@@ -208,10 +209,10 @@ class ReplayLog:
             self._path.unlink(missing_ok=True)
 
 
-def fingerprint(reflectance: Reflectance) -> str:
-    """Return a short hash of a reflectance's kind and data."""
-    digest = hashlib.sha256(type(reflectance).__name__.encode())
-    for key, value in sorted(reflectance.data().items()):
+def fingerprint(brdf: Brdf) -> str:
+    """Return a short hash of a BRDF's kind and data."""
+    digest = hashlib.sha256(type(brdf).__name__.encode())
+    for key, value in sorted(brdf.data().items()):
         digest.update(key.encode())
         digest.update(np.ascontiguousarray(value).tobytes())
     return digest.hexdigest()[:16]
@@ -221,7 +222,7 @@ def _placement_attributes(placement: SlicePlacement, slice_types: str) -> dict[s
     if slice_types not in SLICE_TYPES:
         raise SimrigError(f"unknown slice types '{slice_types}'")
     return {
-        "elevation_step": placement.elevation_step,
+        "theta_step": placement.theta_step,
         "azimuth_step": placement.azimuth_step,
         "theta_max": placement.theta_max,
         "slice_types": slice_types,

@@ -11,17 +11,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.core.errors import unknown_name
 from simrig.directions.spherical import TWO_PI, wrap_angle
 from simrig.files.images import to_srgb8
 from simrig.plans.placement import SlicePlacement
 from simrig.rigs.measurements.slices import Measurement
 from simrig.viewing.brdf.picture import (
-    ELEVATIONS_DEG,
+    THETAS_DEG,
     brdf_exposure,
     brdf_picture,
-    check_elevations,
+    check_thetas,
 )
 from simrig.viewing.plots import finish_figure, new_figure
 
@@ -32,13 +32,13 @@ SLICE_COLOURS = {
     "horizontal": "#10c010",
     "vertical": "#00c8d8",
 }
-_SAME_ELEVATION = 1e-6  # radians
+_SAME_THETA = 1e-6  # radians
 
 
 def brdf_figure(
-    reflectance: Reflectance,
+    brdf: Brdf,
     *,
-    elevations_deg: Sequence[float] | None = None,
+    thetas_deg: Sequence[float] | None = None,
     azimuth_step_deg: float = 3.0,
     exposure: float | None = None,
     placement: SlicePlacement | None = None,
@@ -50,7 +50,7 @@ def brdf_figure(
     """Draw the BRDF picture with labelled axes and, if wished, slices and samples over it.
 
     Args:
-        reflectance: what to show.
+        brdf: what to show.
         elevations_deg: those of the tiles; by default those of the placement, else 0…75 by 15.
         azimuth_step_deg: size of a pixel.
         exposure: factor to f_r before it is shown; chosen by ``brdf_exposure`` and stated
@@ -68,26 +68,26 @@ def brdf_figure(
         SimrigError: see ``brdf_picture``; an unknown kind of slices.
     """
     placement = placement or (measurement.placement if measurement else None)
-    if elevations_deg is None:
-        known = ELEVATIONS_DEG if placement is None else np.degrees(placement.elevations)
-        elevations_deg = tuple(float(e) for e in known)
-    elevations = np.radians(check_elevations(elevations_deg))
-    picture = brdf_picture(reflectance, elevations_deg, azimuth_step_deg)
+    if thetas_deg is None:
+        known = THETAS_DEG if placement is None else np.degrees(placement.thetas)
+        thetas_deg = tuple(float(e) for e in known)
+    thetas = np.radians(check_thetas(thetas_deg))
+    picture = brdf_picture(brdf, thetas_deg, azimuth_step_deg)
     exposure = brdf_exposure(picture) if exposure is None else exposure
     figure = new_figure(9.0, 9.7)
     panel = figure.subplots()
-    count = len(elevations)
+    count = len(thetas)
     panel.imshow(to_srgb8(picture, exposure), extent=(0, count, count, 0), interpolation="nearest")
     legend: list[Line2D] = []
     if placement is not None:
         legend += _draw_slices(panel, placement, count, slices, measured=measurement is not None)
     if measurement is not None:
-        legend += _draw_samples(panel, measurement, elevations)
+        legend += _draw_samples(panel, measurement, thetas)
     note = f"shown as sRGB, white is {1.0 / exposure:.3g} 1/sr (exposure {exposure:.3g})"
     if measurement is not None:
         note += "; tiles with θ_i > θ_v follow by reciprocity"
-    _label(panel, elevations_deg, note)
-    panel.set_title(title if title is not None else reflectance.name, fontsize=13)
+    _label(panel, thetas_deg, note)
+    panel.set_title(title if title is not None else brdf.name, fontsize=13)
     if legend:
         figure.legend(
             handles=legend, loc="outside upper center", ncols=4, frameon=False, fontsize=9
@@ -95,18 +95,18 @@ def brdf_figure(
     return finish_figure(figure, path)
 
 
-def _label(panel: Axes, elevations_deg: Sequence[float], note: str) -> None:
-    """Label the tiles by their elevation and separate them."""
-    count = len(elevations_deg)
+def _label(panel: Axes, thetas_deg: Sequence[float], note: str) -> None:
+    """Label the tiles by their polar angle and separate them."""
+    count = len(thetas_deg)
     centres = np.arange(count) + 0.5
-    names = [f"{degrees:g}°" for degrees in elevations_deg]
+    names = [f"{degrees:g}°" for degrees in thetas_deg]
     panel.set_xticks(centres, names)
     panel.set_yticks(centres, names)
     panel.tick_params(length=0)
     panel.set_xlabel(
-        "view: elevation θ_v of each tile, azimuth φ_v from 0 to 360° within it  →\n" + note
+        "view: polar angle θ_v of each tile, azimuth φ_v from 0 to 360° within it  →\n" + note
     )
-    panel.set_ylabel("←  illumination: elevation θ_i of each tile, azimuth φ_i within it")
+    panel.set_ylabel("←  illumination: polar angle θ_i of each tile, azimuth φ_i within it")
     panel.hlines(np.arange(1, count), 0, count, color="0.5", linewidth=0.8)
     panel.vlines(np.arange(1, count), 0, count, color="0.5", linewidth=0.8)
     panel.set_xlim(0, count)
@@ -119,7 +119,7 @@ def _draw_slices(
     """Draw the slices of a placement and return their legend entries.
 
     Args:
-        count: number of elevations in the picture.
+        count: number of polar angles in the picture.
         measured: only in the tiles that a rig measures, theta_i <= theta_v.
     """
     azimuths = placement.azimuth_count
@@ -132,7 +132,7 @@ def _draw_slices(
             own = list(_tile_segments(azimuths, rising=kind == "axial"))
             segments = [np.add(s, (column, row)) for row, column in tiles for s in own]
         else:
-            segments = list(_elevation_segments(azimuths, count, kind == "horizontal"))
+            segments = list(_theta_segments(azimuths, count, kind == "horizontal"))
         colour = SLICE_COLOURS[kind]
         panel.add_collection(LineCollection(segments, colors=colour, linewidths=0.6, alpha=0.7))
         handles.append(Line2D([], [], color=colour, label=f"{kind} slices"))
@@ -154,7 +154,7 @@ def _tile_segments(azimuths: int, rising: bool) -> Iterator[np.ndarray]:
             yield np.array(part)
 
 
-def _elevation_segments(azimuths: int, count: int, horizontal: bool) -> Iterator[np.ndarray]:
+def _theta_segments(azimuths: int, count: int, horizontal: bool) -> Iterator[np.ndarray]:
     """Yield the horizontal (theta_v changes) or vertical slices across all tiles."""
     for tile in range(1, count):
         for k in range(2 * azimuths):  # axial and diagonal slices cross at half the azimuth step
@@ -164,19 +164,19 @@ def _elevation_segments(azimuths: int, count: int, horizontal: bool) -> Iterator
 
 
 def sample_positions(
-    measurement: Measurement, elevations: np.ndarray
+    measurement: Measurement, thetas: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where samples lie in the picture.
 
-    A sample between two elevations lies on a horizontal slice; it is put between its positions in
+    A sample between two polar angles lies on a horizontal slice; it is put between its positions in
     the two tiles, in proportion.
 
     Args:
         measurement: along slices.
-        elevations: those of the tiles, in radians.
+        thetas: those of the tiles, in radians.
 
     Returns:
-        Column and row in tiles (tile number plus azimuth / 360°), and whether both elevations
+        Column and row in tiles (tile number plus azimuth / 360°), and whether both polar angles
         are those of a tile.
     """
     places, gaps = [], []
@@ -184,19 +184,19 @@ def sample_positions(
         (measurement.theta_v, measurement.phi_v),
         (measurement.theta_i, measurement.phi_i),
     ):
-        tile = np.interp(theta, elevations, np.arange(len(elevations)))
+        tile = np.interp(theta, thetas, np.arange(len(thetas)))
         places.append(tile + wrap_angle(phi) / TWO_PI)
-        gaps.append(np.abs(theta[:, None] - elevations).min(axis=1))
-    return places[0], places[1], np.maximum(*gaps) < _SAME_ELEVATION
+        gaps.append(np.abs(theta[:, None] - thetas).min(axis=1))
+    return places[0], places[1], np.maximum(*gaps) < _SAME_THETA
 
 
-def _draw_samples(panel: Axes, measurement: Measurement, elevations: np.ndarray) -> list[Line2D]:
+def _draw_samples(panel: Axes, measurement: Measurement, thetas: np.ndarray) -> list[Line2D]:
     """Draw the samples as dots and return their legend entries."""
-    columns, rows, inside = sample_positions(measurement, elevations)
+    columns, rows, inside = sample_positions(measurement, thetas)
     handles = []
     for chosen, colour, label in (
         (inside, "white", "samples in the tiles"),
-        (~inside, "#a0ff60", "samples between two elevations"),
+        (~inside, "#a0ff60", "samples between two polar angles"),
     ):
         if chosen.any():
             style: dict[str, Any] = {

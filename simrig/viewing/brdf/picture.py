@@ -1,7 +1,7 @@
 """A BRDF as a picture, as in thesis section 1.1.2 and Figures 1.3 and 5.2.
 
 The four-dimensional function is cut into two-dimensional subspaces that are put side by side:
-within a tile both azimuths run from 0 to 360°, from tile to tile the elevations change. The
+within a tile both azimuths run from 0 to 360°, from tile to tile the polar angles change. The
 illumination runs downwards (theta_i by tile, phi_i within), the view runs to the right (theta_v,
 phi_v). Pictures are linear RGB and hold f_r in 1/sr; whoever shows one chooses an exposure.
 """
@@ -12,52 +12,53 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance, evaluate
+from simrig.brdf.protocol import Brdf, evaluate
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 
-ELEVATIONS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # as in thesis Figure 5.2
+THETAS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # as in thesis Figure 5.2
 _WHITE_PERCENTILE = 98.0  # of the brightest channel: the few brightest pixels clip
 
 
 def brdf_picture(
-    reflectance: Reflectance,
-    elevations_deg: Sequence[float] = ELEVATIONS_DEG,
+    brdf: Brdf,
+    thetas_deg: Sequence[float] = THETAS_DEG,
     azimuth_step_deg: float = 3.0,
 ) -> np.ndarray:
-    """Return the azimuthal subspaces of all pairs of elevations as one picture (Figure 1.3 left).
+    """Return the azimuthal subspaces of all pairs of polar angles as one picture (Figure 1.3 left).
 
     Args:
-        reflectance: what to show.
-        elevations_deg: increasing, in [0, 90) degrees; one row and one column of tiles each.
+        brdf: what to show.
+        thetas_deg: increasing, in [0, 90) degrees; one row and one column of tiles each.
         azimuth_step_deg: size of a pixel; must divide 360.
 
     Returns:
-        float32 (n·m, n·m, 3) with n elevations and m azimuths: f_r in 1/sr, linear RGB.
+        float32 (n·m, n·m, 3) with n polar angles and m azimuths: f_r in 1/sr, linear RGB.
 
     Raises:
-        SimrigError: for elevations or a step that are not as above, or values that are not finite.
+        SimrigError: for polar angles or a step that are not as above, or values that are not
+        finite.
     """
-    values = _sample(reflectance, elevations_deg, azimuth_step_deg)
+    values = _sample(brdf, thetas_deg, azimuth_step_deg)
     return _join(values, "theta_i phi_i", "theta_v phi_v")
 
 
 def all_subspaces_picture(
-    reflectance: Reflectance,
-    elevations_deg: Sequence[float] = ELEVATIONS_DEG,
+    brdf: Brdf,
+    thetas_deg: Sequence[float] = THETAS_DEG,
     azimuth_step_deg: float = 15.0,
 ) -> np.ndarray:
     """Return all kinds of two-dimensional subspaces as one picture (Figure 1.3 right).
 
-    Quarters: top left the azimuthal subspaces of ``brdf_picture``; top right the reflectance
+    Quarters: top left the azimuthal subspaces of ``brdf_picture``; top right the BRDF
     fields (phi_i down, theta_i right, for constant view); bottom left theta_i down, phi_v right,
-    for constant phi_i and theta_v; bottom right the elevations (theta_i down, theta_v right, for
+    for constant phi_i and theta_v; bottom right the polar angles (theta_i down, theta_v right, for
     constant azimuths).
 
     Args, Returns, Raises: as ``brdf_picture``, but of twice the side.
     """
-    values = _sample(reflectance, elevations_deg, azimuth_step_deg)
+    values = _sample(brdf, thetas_deg, azimuth_step_deg)
     top = [
         _join(values, "theta_i phi_i", "theta_v phi_v"),
         _join(values, "theta_v phi_i", "phi_v theta_i"),
@@ -80,33 +81,31 @@ def brdf_exposure(picture: np.ndarray, percentile: float = _WHITE_PERCENTILE) ->
     return 1.0 / white if white > 0.0 else 1.0
 
 
-def check_elevations(elevations_deg: Sequence[float]) -> np.ndarray:
-    """Return the elevations as an array of degrees.
+def check_thetas(thetas_deg: Sequence[float]) -> np.ndarray:
+    """Return the polar angles as an array of degrees.
 
     Raises:
         SimrigError: when they are not increasing within [0, 90).
     """
-    degrees = np.asarray(elevations_deg, dtype=np.float64)
+    degrees = np.asarray(thetas_deg, dtype=np.float64)
     increasing = degrees.ndim == 1 and degrees.size > 0 and bool(np.all(np.diff(degrees) > 0.0))
     if not increasing or not 0.0 <= degrees[0] <= degrees[-1] < 90.0:
-        raise SimrigError(f"elevations must increase within [0, 90) degrees, got {elevations_deg}")
+        raise SimrigError(f"polar angles must increase within [0, 90) degrees, got {thetas_deg}")
     return degrees
 
 
-def _sample(
-    reflectance: Reflectance, elevations_deg: Sequence[float], azimuth_step_deg: float
-) -> np.ndarray:
+def _sample(brdf: Brdf, thetas_deg: Sequence[float], azimuth_step_deg: float) -> np.ndarray:
     """Evaluate f_r, shape (theta_i, theta_v, phi_i, phi_v, rgb), float32."""
-    theta = np.radians(check_elevations(elevations_deg))
+    theta = np.radians(check_thetas(thetas_deg))
     count = 360.0 / azimuth_step_deg if azimuth_step_deg > 0.0 else 0.0
     if count < 1.0 or abs(count - round(count)) > 1e-6:
         raise SimrigError(f"the azimuth step must divide 360 degrees, got {azimuth_step_deg:g}")
     phi = 2.0 * np.pi * np.arange(round(count)) / round(count)
     wi = to_vector(theta[:, None, None, None], phi[:, None])
     wv = to_vector(theta[:, None, None], phi)
-    values = evaluate(reflectance, wi, wv, backend.types("float32").Float).astype(np.float32)
+    values = evaluate(brdf, wi, wv, backend.types("float32").Float).astype(np.float32)
     if not np.isfinite(values).all():
-        raise SimrigError(f"'{reflectance.name}' has values that are NaN or infinite")
+        raise SimrigError(f"'{brdf.name}' has values that are NaN or infinite")
     return values
 
 

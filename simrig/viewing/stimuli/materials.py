@@ -54,7 +54,7 @@ class StimulusMaterial:
     def far(self) -> FullBtf:
         """The BRDF: the mean of every image, as a BTF of one texel.
 
-        It is looked up as the BTF is, beyond the last measured elevation too.
+        It is looked up as the BTF is, beyond the last measured polar angle too.
         """
         mean = self.stack.mean()
         values = mean.values.astype(np.float32).reshape(-1, 1, 1, 3)
@@ -86,7 +86,7 @@ def stimulus_stack(
     directions: str | HemisphereScheme = "hemisphere_81",
     spp: int = 16,
     tile_steps: int | None = None,
-    orders: int | str = AUTO,
+    bounces: int | str = AUTO,
     variant: str = "auto",
     folder: Path | None = None,
     progress: Callable[..., None] | None = None,
@@ -100,7 +100,7 @@ def stimulus_stack(
         directions: the scheme of both directions, likewise.
         spp: samples per texel of a measurement.
         tile_steps: of the structure that is measured (``build_tile``).
-        orders: how often light is reflected at most in a measurement (``measure_btf``).
+        bounces: how often light is reflected at most in a measurement (``measure_btf``).
         variant: Mitsuba variant that measures.
         folder: for what is measured now, which is read from there the next time (``kept_btf``).
         progress: of a measurement: called with views done and in total.
@@ -117,7 +117,7 @@ def stimulus_stack(
     if name in PRESETS:
         tile, angles = build_tile(name, resolution=tile_steps), btf_angles(rings)
         path = folder and folder / f"{name}.h5"
-        how: dict[str, Any] = {"orders": orders, "variant": variant, "progress": progress}
+        how: dict[str, Any] = {"bounces": bounces, "variant": variant, "progress": progress}
         return kept_btf(path, tile, angles, texels, spp, **how)
     if Path(name).is_file():
         return read_btf(Path(name))

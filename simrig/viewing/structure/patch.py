@@ -14,7 +14,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from simrig.btf.spatial import SpatialReflectance
+from simrig.btf.spatial import SpatialBrdf
 from simrig.directions.spherical import to_vector
 from simrig.mesostructure.tile import Tile
 from simrig.plugins import make_btf
@@ -63,9 +63,7 @@ def structure_scene(tile: Tile, sight: Sight) -> Any:
     return _scene(tile_shapes(tile, _periods(tile, sight)), sight)
 
 
-def btf_scene(
-    tile: Tile, btf: SpatialReflectance, sight: Sight, pixel_mm: float | None = None
-) -> Any:
+def btf_scene(tile: Tile, btf: SpatialBrdf, sight: Sight, pixel_mm: float | None = None) -> Any:
     """Return a loaded scene of the BTF of a tile.
 
     Args:

@@ -65,7 +65,7 @@ class Stimulus:
 
 
 @dataclass(frozen=True)
-class StructureLook:
+class StructureProbe:
     """Features of a stimulus, its structure, and what follows.
 
     Attributes:
@@ -83,7 +83,7 @@ class StructureLook:
     cost: Cost
 
 
-def look(stimulus: Stimulus, structure_mm: float | None = None) -> StructureLook:
+def probe(stimulus: Stimulus, structure_mm: float | None = None) -> StructureProbe:
     """Return features, structure and predicted distances of a stimulus.
 
     Args:
@@ -108,7 +108,7 @@ def look(stimulus: Stimulus, structure_mm: float | None = None) -> StructureLook
     size = found["spectrum"] if structure_mm is None else structure_mm
     distances = {n: perception.predict_distance(n, size, features[n]) for n in PREDICTING}
     spent = Cost(compute_seconds=time.perf_counter() - start)
-    return StructureLook(features, size, found, distances, stimulus.cost + spent)
+    return StructureProbe(features, size, found, distances, stimulus.cost + spent)
 
 
 def element_of_preset(name: str) -> float | None:

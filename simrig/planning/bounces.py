@@ -18,8 +18,8 @@ _MOST_SURVIVE = 0.95  # likewise
 
 
 @dr.syntax
-def radiance_by_order(
-    scene: Any, sampler: Any, ray: Any, orders: int, delta_lights: bool, hide_emitters: bool
+def radiance_by_bounce(
+    scene: Any, sampler: Any, ray: Any, bounces: int, delta_lights: bool, hide_emitters: bool
 ) -> list[Any]:
     """Return the radiance along rays by the number of reflections.
 
@@ -27,15 +27,15 @@ def radiance_by_order(
         scene: a loaded scene without participating media.
         sampler: seeded for as many samples as there are rays.
         ray: from the camera.
-        orders: how many to tell apart, at least 2.
+        bounces: how many to tell apart, at least 2.
         delta_lights: no light of the scene can be met by a ray.
         hide_emitters: lights are not seen by the camera itself.
 
     Returns:
-        ``orders`` spectra: reflected once (with what is seen of the lights themselves), twice, ...;
-        the last holds all that was reflected more often.
+        ``bounces`` spectra: reflected once (with what is seen of the lights themselves), twice,
+        ...; the last holds all that was reflected more often.
     """
-    sums = [mi.Spectrum(0.0) for _ in range(orders)]
+    sums = [mi.Spectrum(0.0) for _ in range(bounces)]
     ray = mi.Ray3f(ray)
     throughput, eta = mi.Spectrum(1.0), mi.Float(1.0)
     reflections, active = mi.UInt32(0), mi.Bool(True)

@@ -1,6 +1,6 @@
 """Interpolation along highlights against section 5.3, in subspaces and in four dimensions.
 
-In subspaces of two elevations, both methods get the same samples along the same slices, with one
+In subspaces of two polar angles, both methods get the same samples along the same slices, with one
 to four axial and as many diagonal slices. The error is the PSNR of thesis section 5.7: of the
 whole subspace as a picture over both azimuths, displayed values on [0, 255]. The text does not
 say at which exposure; here the 98th percentile of the brightest channel is white, so that dark
@@ -11,7 +11,7 @@ same directions for both.
 
 Published of section 5.7, as far as it has numbers: one axial and one diagonal slice in every
 subspace, 1,555 samples for the whole BRDF, 37 anisotropic materials of 150. All of them gain, but
-the gains are only drawn (Figure 5.20). At nearly equal elevations (about half of its subspaces,
+the gains are only drawn (Figure 5.20). At nearly equal polar angles (about half of its subspaces,
 Figure 5.16) the thesis's method is section 5.3 itself.
 
 Source: thesis sections 5.3 and 5.7.
@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf import KURT_MATERIALS
-from simrig.brdf.protocol import Reflectance
+from simrig.brdf.protocol import Brdf
 from simrig.evaluation.metrics.images import displayed, psnr_from_mse
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
@@ -48,7 +48,7 @@ _HIGHEST = 99.0  # dB: pictures that differ by less are equal
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         "materials": ["yellow_satin", "fabric112"],
-        "elevations_deg": [30, 75],
+        "thetas_deg": [30, 75],
         "slices": [1, 2],
         "samples_per_slice": 24,
         "pixels": 60,
@@ -57,7 +57,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "full": {
         "materials": list(KURT_MATERIALS),
-        "elevations_deg": [15, 30, 45, 60, 75],
+        "thetas_deg": [15, 30, 45, 60, 75],
         "slices": [1, 2, 3, 4],
         "samples_per_slice": 24,
         "pixels": 90,
@@ -75,23 +75,23 @@ def cells(config: Config) -> list[dict[str, Any]]:
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
-    """Measure a material once and rebuild it by both methods.
+    """Measure a material once and reconstruct it by both methods.
 
     Returns:
-        One row per pair of elevations (PSNR in dB), or one row (MRE in percent): ``former`` is
-        section 5.3 or D.1, ``improved`` along highlights, ``gain`` positive where that is better
-        (a difference in dB, or the former error over the new one in dB: 20·log10).
+        One row per pair of polar angles (PSNR in dB), or one row (MRE in percent): ``former`` is
+        section 5.3 or D.1, ``along_highlights`` along highlights, ``gain`` positive where that is
+        better (a difference in dB, or the former error over the new one in dB: 20·log10).
     """
     material = load_material(cell["material"])
     if "plan" in cell:
         return [_whole(material, cell["plan"], config["directions"])]
-    elevations = config["elevations_deg"]
-    pairs = [(i, v) for n, v in enumerate(elevations) for i in elevations[: n + 1]]
+    thetas = config["thetas_deg"]
+    pairs = [(i, v) for n, v in enumerate(thetas) for i in thetas[: n + 1]]
     return [_subspace(material, *pair, cell["slices"], config) for pair in pairs]
 
 
 def _subspace(
-    material: Reflectance, theta_i: float, theta_v: float, slices: int, config: Config
+    material: Brdf, theta_i: float, theta_v: float, slices: int, config: Config
 ) -> dict[str, Any]:
     where = SubspacePlacement(*np.radians([theta_i, theta_v, 360.0 / slices]).tolist())
     samples = 2 * slices * config["samples_per_slice"]
@@ -102,9 +102,9 @@ def _subspace(
     same = np.ones(len(phi_i))
     angles = np.stack([where.theta_i * same, where.theta_v * same, phi_i, phi_v], axis=1)
     truth = rig.measure_directions(material, angles)
-    former, improved = (
-        _psnr(truth, rebuild(found, where).eval(phi_i, phi_v))
-        for rebuild in (reconstruct_subspace, reconstruct_subspace_along_highlights)
+    former, along = (
+        _psnr(truth, reconstruct(found, where).eval(phi_i, phi_v))
+        for reconstruct in (reconstruct_subspace, reconstruct_subspace_along_highlights)
     )
     about = {"kind": "subspace", "theta_i_deg": theta_i, "theta_v_deg": theta_v}
     return {
@@ -112,8 +112,8 @@ def _subspace(
         "slices_of_a_kind": slices,
         "samples": samples,
         "former": former,
-        "improved": improved,
-        "gain": improved - former,
+        "along_highlights": along,
+        "gain": along - former,
     }
 
 
@@ -123,22 +123,22 @@ def _psnr(truth: np.ndarray, values: np.ndarray) -> float:
     return min(_HIGHEST, psnr_from_mse(float(error)))
 
 
-def _whole(material: Reflectance, plan: Sequence[float], directions: int) -> dict[str, Any]:
+def _whole(material: Brdf, plan: Sequence[float], directions: int) -> dict[str, Any]:
     samples, e_s, a_s = plan
     placement = SlicePlacement.from_degrees(e_s, a_s)
     measurement = Gonioreflectometer().measure(material, placement, int(samples))
-    former, improved = (
-        mre_estimate(material, rebuild(measurement), directions).percent
-        for rebuild in (reconstruct, reconstruct_along_highlights)
+    former, along = (
+        mre_estimate(material, reconstruct(measurement), directions).percent
+        for reconstruct in (reconstruct, reconstruct_along_highlights)
     )
     return {
         "kind": "whole",
-        "elevation_step_deg": e_s,
+        "theta_step_deg": e_s,
         "azimuth_step_deg": a_s,
         "samples": int(samples),
         "former": former,
-        "improved": improved,
-        "gain": float(20.0 * np.log10(former / improved)),
+        "along_highlights": along,
+        "gain": float(20.0 * np.log10(former / along)),
     }
 
 
@@ -157,12 +157,12 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     plans = {}
     for samples, _, _ in config["plans"]:
         own = [row for row in whole if row["samples"] == samples]
-        keys = ("material", "former", "improved", "gain")
+        keys = ("material", "former", "along_highlights", "gain")
         plans[str(samples)] = {
             "rows": [{key: row[key] for key in keys} for row in own],
             "better": sum(row["gain"] > 0.0 for row in own),
             "mean_former": float(np.mean([row["former"] for row in own])),
-            "mean_improved": float(np.mean([row["improved"] for row in own])),
+            "mean_along_highlights": float(np.mean([row["along_highlights"] for row in own])),
         }
     return {"published": PUBLISHED, "subspaces": by_slices, "whole": plans}
 
@@ -173,7 +173,7 @@ def _spread(rows: Sequence[Row]) -> dict[str, Any]:
     keys = ("material", "theta_i_deg", "theta_v_deg", "gain")
     return {
         "mean_former": float(np.mean([row["former"] for row in rows])),
-        "mean_improved": float(np.mean([row["improved"] for row in rows])),
+        "mean_along_highlights": float(np.mean([row["along_highlights"] for row in rows])),
         "mean_gain": float(np.mean(gains)),
         "better": sum(gain > 0.0 for gain in gains),
         "count": len(gains),
@@ -198,10 +198,18 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.table import Table
 
     flat = Table(title="PSNR of subspaces in dB: 5.3, along highlights, and the gain")
-    for name in ("slices of a kind", "5.3", "improved", "gain", "better in", "loss", "gain of"):
+    for name in (
+        "slices of a kind",
+        "5.3",
+        "along-highlights",
+        "gain",
+        "better in",
+        "loss",
+        "gain of",
+    ):
         flat.add_column(name, justify="right")
     for count, own in summary["subspaces"].items():
-        means = (f"{own[key]:.1f}" for key in ("mean_former", "mean_improved", "mean_gain"))
+        means = (f"{own[key]:.1f}" for key in ("mean_former", "mean_along_highlights", "mean_gain"))
         share = f"{own['better']} of {own['count']}"
         ends = (_where(own[key]) for key in ("largest_loss", "largest_gain"))
         flat.add_row(count, *means, share, *ends)
@@ -213,7 +221,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     for rows in zip(*(plan["rows"] for plan in plans), strict=True):
         whole.add_row(rows[0]["material"], *(_change(**row) for row in rows))
     whole.add_section()
-    means = (_change(plan["mean_former"], plan["mean_improved"]) for plan in plans)
+    means = (_change(plan["mean_former"], plan["mean_along_highlights"]) for plan in plans)
     whole.add_row("mean", *means)
     told = summary["published"]
     line = (
@@ -224,16 +232,16 @@ def table(summary: Mapping[str, Any]) -> Any:
 
 
 def _where(row: Mapping[str, Any]) -> str:
-    elevations = f"{row['theta_i_deg']:g}°/{row['theta_v_deg']:g}°"
-    return f"{row['gain']:+.1f} {row['material']} {elevations}"
+    thetas = f"{row['theta_i_deg']:g}°/{row['theta_v_deg']:g}°"
+    return f"{row['gain']:+.1f} {row['material']} {thetas}"
 
 
-def _change(former: float, improved: float, **_: Any) -> str:
-    return f"{former:.2f} → {improved:.2f}"
+def _change(former: float, along_highlights: float, **_: Any) -> str:
+    return f"{former:.2f} → {along_highlights:.2f}"
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw the mean gain over the difference of elevations, and all errors in four dimensions."""
+    """Draw the mean gain over the difference of polar angles, and all errors in four dimensions."""
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
     for number, (count, own) in enumerate(summary["subspaces"].items()):
@@ -244,21 +252,25 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         style = {"color": COLOURS[number], "marker": MARKERS[number]}
         left.plot(steps, means, label=f"{count} of a kind", **style)
     left.axhline(0.0, color="0.8", zorder=0)
-    left.set(xlabel="difference of elevations [°]", ylabel="mean PSNR gain over 5.3 [dB]")
+    left.set(xlabel="difference of polar angles [°]", ylabel="mean PSNR gain over 5.3 [dB]")
     for number, (samples, plan) in enumerate(summary["whole"].items()):
-        former, improved = ([row[key] for row in plan["rows"]] for key in ("former", "improved"))
+        former, along = (
+            [row[key] for row in plan["rows"]] for key in ("former", "along_highlights")
+        )
         style = {"color": COLOURS[number], "marker": MARKERS[number], "linestyle": ""}
-        right.plot(former, improved, label=f"{int(samples):,} samples", **style)
+        right.plot(former, along, label=f"{int(samples):,} samples", **style)
     right.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0)
-    right.set(xscale="log", yscale="log", xlabel="MRE of D.1 [%]", ylabel="MRE improved [%]")
+    right.set(
+        xscale="log", yscale="log", xlabel="MRE of D.1 [%]", ylabel="MRE along highlights [%]"
+    )
     for panel in (left, right):
         panel.legend(frameon=False)
-    finish_figure(figure, folder / "improved.png")
-    return [folder / "improved.png"]
+    finish_figure(figure, folder / "along_highlights.png")
+    return [folder / "along_highlights.png"]
 
 
 STUDY = Study(
-    name="improved",
+    name="along-highlights",
     about="Interpolation along highlights against section 5.3, in subspaces and in 4-D.",
     source="thesis section 5.7",
     presets=PRESETS,

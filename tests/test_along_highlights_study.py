@@ -2,28 +2,28 @@
 
 import pytest
 
+from simrig.evaluation.studies.along_highlights import STUDY, table
 from simrig.evaluation.studies.engine.run import run_study
-from simrig.evaluation.studies.improved import STUDY, table
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     own = {"materials": ["yellow_satin"], "pixels": 36, "directions": 8_000}
     config = {**STUDY.presets["quick"], **own}
-    return run_study(STUDY, config, tmp_path_factory.mktemp("improved"))
+    return run_study(STUDY, config, tmp_path_factory.mktemp("along_highlights"))
 
 
 def test_rows_hold_both_methods_on_the_same_samples(found):
     flat = [row for row in found.rows if row["kind"] == "subspace"]
     assert [row["samples"] for row in flat] == [48] * 3 + [96] * 3
     for row in flat:
-        assert row["gain"] == pytest.approx(row["improved"] - row["former"])
+        assert row["gain"] == pytest.approx(row["along_highlights"] - row["former"])
     (whole,) = (row for row in found.rows if row["kind"] == "whole")
-    assert whole["samples"] == 1200 and whole["improved"] < 0.8 * whole["former"]
+    assert whole["samples"] == 1200 and whole["along_highlights"] < 0.8 * whole["former"]
     assert whole["gain"] > 0.0
 
 
-def test_the_gain_is_largest_where_elevations_differ_most(found):
+def test_the_gain_is_largest_where_thetas_differ_most(found):
     for own in found.summary["subspaces"].values():
         gains = {(p["theta_i_deg"], p["theta_v_deg"]): p["gain"] for p in own["pairs"]}
         assert max(gains, key=gains.get) == (30, 75) and gains[30, 75] > 3.0
@@ -38,4 +38,6 @@ def test_the_summary_prints_and_draws(found):
     console.print(table(found.summary))
     text = console.export_text()
     assert "yellow_satin" in text and "37 of 37" in text
-    assert any(path.name == "improved.png" and path.stat().st_size > 5000 for path in found.files)
+    assert any(
+        path.name == "along_highlights.png" and path.stat().st_size > 5000 for path in found.files
+    )
