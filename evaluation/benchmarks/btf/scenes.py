@@ -129,7 +129,7 @@ def chairs(forms: Mapping[str, SpatialBrdf], stack: BtfStack, resolution: int, s
     makers: dict[str, Callable[[str], Any]] = {
         BUILT_IN: lambda part: principled(stack, {"scale": 1.0, "scale_v": 1.0}),
         **{form: partial(btf, form) for form in forms},
-        brdf: lambda part: make_btf(brdfs[part], scale=1.0),
+        BRDF: lambda part: make_btf(brdfs[part], scale=1.0),
         SWITCHED: switched,
     }
 
