@@ -1,30 +1,153 @@
 """ALTA text files: BRDF samples with a header that names their parameterisation.
 
-Header lines start with ``#``: ``#DIM inputs outputs``, ``#PARAM_IN name``, ``#VS`` (how the
-samples' confidence is stored; only 0, none, is read). Then one row per sample: the inputs and
-the outputs. Parameterisations (angles in radians): ``ISOTROPIC_TL_TV_PROJ_DPHI`` (theta_l,
-theta_v·cos Δphi, theta_v·sin Δphi), ``ISOTROPIC_TV_TL_DPHI``, ``SPHERICAL_TL_PL_TV_PV`` and
-``CARTESIAN`` (view, light). Source: the ALTA library (Belcour, Barla, Pacanowski).
+Header lines start with ``#``: ``#DIM inputs outputs``, ``#PARAM_IN name``, ``#PARAM_OUT name``,
+``#VS`` (how the samples' confidence is stored; only 0, none, is read). Then one row per sample: the
+inputs (angles in radians) and the outputs. Source: the ALTA library (Belcour, Barla, Pacanowski),
+``core/params``: V and L are view and light, H the half vector, of which D is measured; DPHI is the
+azimuth between, PROJ_DPHI theta_v times its cosine and sine.
+
+Outputs: INV_STERADIAN and RGB_COLOR are f_r, XYZ_COLOR is converted, INV_STERADIAN_COSINE_FACTOR
+is divided by the light's cosine, ENERGY is refused.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from simrig.brdf.checks import CLAMP
+from simrig.brdf.protocol import Reflectance as Brdf
+from simrig.brdf.tables.from_samples import assemble, half_difference_table
 from simrig.brdf.tables.scattered import ScatteredSamples
+from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError, unknown_name
+from simrig.directions.half_difference import from_half_difference
+from simrig.directions.spherical import to_vector
 from simrig.files.atomic import existing_file
 
 _LARGEST_FILE = 1 << 28
-_INPUTS = {
-    "ISOTROPIC_TL_TV_PROJ_DPHI": 3,
-    "ISOTROPIC_TV_TL_DPHI": 3,
-    "SPHERICAL_TL_PL_TV_PV": 4,
-    "CARTESIAN": 6,
+_HORIZON = 1e-6  # cosine below which a pair of half-difference angles is no pair of the hemisphere
+
+Pair = tuple[np.ndarray, np.ndarray]  # light and view, unit vectors (n, 3)
+
+
+def _angles(theta_i: np.ndarray, phi_i: np.ndarray, theta_v: np.ndarray, phi_v: np.ndarray) -> Pair:
+    return to_vector(theta_i, phi_i), to_vector(theta_v, phi_v)
+
+
+def _projected(theta_i: np.ndarray, x: np.ndarray, y: np.ndarray) -> Pair:
+    return _angles(theta_i, 0.0 * x, np.hypot(x, y), np.arctan2(y, x))
+
+
+def _half(theta_h: np.ndarray, phi_h: np.ndarray, theta_d: np.ndarray, phi_d: np.ndarray) -> Pair:
+    # the difference vector is that of the view, which the library's vectors have first
+    view, light = from_half_difference(theta_h, phi_h, theta_d, phi_d)
+    return light, view
+
+
+def _retro(theta_i: np.ndarray, x: np.ndarray, y: np.ndarray) -> Pair:
+    """The view in polar coordinates around the light, turned towards the pole."""
+    separation, turn = np.hypot(x, y), np.arctan2(y, x)
+    z = np.cos(separation) * np.cos(theta_i) + np.cos(turn) * np.sin(separation) * np.sin(theta_i)
+    size = np.sqrt(np.maximum(1.0 - z * z, 0.0))
+    across = np.clip(np.sin(separation) * np.sin(turn), -size, size)
+    view = np.stack([np.sqrt(np.maximum(size**2 - across**2, 0.0)), across, z], axis=-1)
+    return to_vector(theta_i, 0.0 * theta_i), view
+
+
+def _back(theta_i: np.ndarray, x: np.ndarray, y: np.ndarray) -> Pair:
+    """The view as the mirror image of the reflected light in a back vector (Schlick)."""
+    light = to_vector(theta_i, 0.0 * theta_i)
+    back = to_vector(np.hypot(x, y), np.arctan2(y, x))
+    reflected = light * [-1.0, -1.0, 1.0]
+    view = 2.0 * (back * reflected).sum(axis=-1, keepdims=True) * back - reflected
+    return light, view
+
+
+def _neumann(half: np.ndarray, back: np.ndarray, turn: np.ndarray) -> Pair:
+    """Half and back vector projected to the surface, and the azimuth between (Neumann 1996)."""
+    x, y = np.cos(turn) * back, np.sin(turn) * back
+    sides = []
+    for sign in (-1.0, 1.0):  # light, view
+        px, py = half + sign * x, sign * y
+        squared = px * px + py * py
+        z = np.where(squared <= 1.0, np.sqrt(np.maximum(1.0 - squared, 0.0)), -1.0)
+        sides.append(np.stack([px, py, z], axis=-1))
+    return sides[0], sides[1]
+
+
+@dataclass(frozen=True)
+class _Parameterisation:
+    inputs: int
+    to_pair: Callable[..., Pair]
+    isotropic: bool
+
+
+_KNOWN: dict[str, _Parameterisation] = {
+    "SPHERICAL_TL_PL_TV_PV": _Parameterisation(4, _angles, False),
+    "CARTESIAN": _Parameterisation(
+        6, lambda *v: (np.stack(v[3:], axis=-1), np.stack(v[:3], axis=-1)), False
+    ),
+    "RUSIN_TH_PH_TD_PD": _Parameterisation(4, _half, False),
+    "RUSIN_TH_PH_TD": _Parameterisation(3, lambda h, p, d: _half(h, p, d, 0.0 * h), False),
+    "RUSIN_TH_TD_PD": _Parameterisation(3, lambda h, d, p: _half(h, 0.0 * h, d, p), True),
+    "RUSIN_TH_TD": _Parameterisation(
+        2, lambda h, d: _half(h, 0.0 * h, d, 0.0 * h + np.pi / 2), True
+    ),
+    "COS_TH_TD": _Parameterisation(
+        2, lambda h, d: _half(_arccos(h), 0.0 * h, _arccos(d), 0.0 * h), True
+    ),
+    "ISOTROPIC_TL_TV_PROJ_DPHI": _Parameterisation(3, _projected, True),
+    "ISOTROPIC_TV_PROJ_DPHI": _Parameterisation(2, lambda x, y: _projected(0.0 * x, x, y), True),
+    "ISOTROPIC_TV_TL_DPHI": _Parameterisation(3, lambda v, i, p: _angles(i, 0.0 * i, v, p), True),
+    "RETRO_TL_TVL_PROJ_DPHI": _Parameterisation(3, _retro, True),
+    "SCHLICK_TL_TK_PROJ_DPHI": _Parameterisation(3, _back, True),
+    "NEUMANN_3D": _Parameterisation(3, _neumann, True),
+    "NEUMANN_2D": _Parameterisation(2, lambda h, b: _neumann(h, b, 0.0 * h + np.pi / 2), True),
 }
+# named by the library; they hold less than a pair of directions, or its code is not settled
+_NOT_READ = {
+    **dict.fromkeys(
+        ("COS_TH", "COS_TK", "COS_TLV", "COS_TLR", "RUSIN_VH", "SCHLICK_VK", "SCHLICK_VH"),
+        "one direction or cosine alone, which does not tell light from view",
+    ),
+    **dict.fromkeys(
+        (
+            "STARK_2D",
+            "STARK_3D",
+            "STEREOGRAPHIC",
+            "RUSIN_VH_VD",
+            "SCHLICK_TK_PK",
+            "ROMEIRO_TH_TD",
+            "ISOTROPIC_TV_TL",
+            "ISOTROPIC_TD_PD",
+        ),
+        "not read; ALTA's data2data converts it to SPHERICAL_TL_PL_TV_PV",
+    ),
+}
+_OUTPUTS = (
+    "RGB_COLOR",
+    "XYZ_COLOR",
+    "INV_STERADIAN",
+    "INV_STERADIAN_COSINE_FACTOR",
+    "UNKNOWN_OUTPUT",
+)
+
+
+@dataclass(frozen=True)
+class _Content:
+    """The rows of a file that are pairs of the hemisphere, and what they are."""
+
+    name: str
+    inputs: np.ndarray
+    light: np.ndarray
+    view: np.ndarray
+    values: np.ndarray
+    isotropic: bool
+    below: int
 
 
 def read_alta(path: str | Path, clamp_negative: bool = False) -> ScatteredSamples:
@@ -39,31 +162,89 @@ def read_alta(path: str | Path, clamp_negative: bool = False) -> ScatteredSample
             NaN or negative values.
     """
     path = existing_file(path)
-    if path.stat().st_size > _LARGEST_FILE:
-        raise SimrigError(f"ALTA file '{path}' is too large to be one")
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    header = _header(lines)
-    inputs, outputs, parameterisation = _structure(path, header)
-    rows = [
-        (number, line.split())
-        for number, line in enumerate(lines, 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    table = _numbers(path, rows, inputs + outputs)
-    values = np.broadcast_to(table[:, inputs:], (len(table), 3))
-    negative = int((table[:, inputs:] < 0.0).sum())
-    if negative and not clamp_negative:
-        raise SimrigError(
-            f"'{path}' has {negative} negative of {table[:, inputs:].size} values{CLAMP}"
-        )
-    angles = _angles(parameterisation, table[:, :inputs])
-    isotropic = parameterisation.startswith("ISOTROPIC")
-    return ScatteredSamples(*angles, np.maximum(values, 0.0), path.stem, isotropic)
+    return _samples(path, _content(path, clamp_negative))
+
+
+def load_alta(path: str | Path, clamp_negative: bool = False) -> tuple[Brdf, list[str]]:
+    """Read the samples and make a table of them (see ``assemble``).
+
+    A whole grid of half-difference angles becomes a table of these angles; grids of directions a
+    table of directions.
+
+    Returns:
+        The table, and what was done.
+
+    Raises:
+        SimrigError: see ``read_alta``; samples that are too sparse, with what is missing.
+    """
+    path = existing_file(path)
+    content = _content(path, clamp_negative)
+    notes = [content.name]
+    if content.below:
+        notes.append(f"{content.below:,} rows below the horizon left out")
+    if content.name == "RUSIN_TH_TD_PD":
+        table = half_difference_table(content.inputs, content.values, path.stem)
+        if table is not None:
+            return table, [*notes, "a whole grid of theta_h, theta_d, phi_d"]
+    found = assemble(_samples(path, content), "ALTA samples")
+    return found.brdf, [*notes, found.how]
 
 
 def is_alta(text: str) -> bool:
     """Return whether the start of a text file has this format's header."""
     return "DIM" in _header(text.splitlines())
+
+
+def _content(path: Path, clamp_negative: bool) -> _Content:
+    if path.stat().st_size > _LARGEST_FILE:
+        raise SimrigError(f"ALTA file '{path}' is too large to be one")
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    header = _header(lines)
+    inputs, outputs, name = _structure(path, header)
+    unit = _output(path, header, outputs)
+    table = _numbers(path, lines, inputs, inputs + outputs)
+    values = np.array(np.broadcast_to(table[:, inputs:], (len(table), 3)))
+    negative = int((table[:, inputs:] < 0.0).sum())
+    if negative and not clamp_negative:
+        raise SimrigError(
+            f"'{path}' has {negative} negative of {table[:, inputs:].size} values{CLAMP}"
+        )
+    values = np.maximum(values, 0.0)
+    known = _KNOWN[name]
+    with np.errstate(invalid="ignore"):
+        light, view = known.to_pair(*table[:, :inputs].T)
+    lengths = [np.linalg.norm(side, axis=1, keepdims=True) for side in (light, view)]
+    if min(length.min() for length in lengths) < 1e-6:
+        raise SimrigError(f"ALTA file '{path}' has a direction of no length")
+    light, view = (side / length for side, length in zip((light, view), lengths, strict=True))
+    # only these parameters can describe a pair that the hemisphere does not have
+    indirect = name.startswith(("RUSIN", "COS_", "RETRO", "SCHLICK", "NEUMANN"))
+    above = np.minimum(light[:, 2], view[:, 2]) > _HORIZON
+    kept = above if indirect else np.ones(len(table), dtype=bool)
+    if not kept.any():
+        raise SimrigError(f"ALTA file '{path}' has no pair of directions above the horizon")
+    if unit == "XYZ_COLOR":
+        values = values @ FROM_XYZ.T
+    if unit == "INV_STERADIAN_COSINE_FACTOR":
+        values = values / np.maximum(light[:, 2:], 1e-3)
+    kept_parts = (table[kept, :inputs], light[kept], view[kept], values[kept])
+    return _Content(name, *kept_parts, known.isotropic, int((~kept).sum()))
+
+
+def _samples(path: Path, content: _Content) -> ScatteredSamples:
+    angles = [
+        angle
+        for d in (content.light, content.view)
+        for angle in (
+            np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]),
+            np.arctan2(d[:, 1], d[:, 0]),
+        )
+    ]
+    return ScatteredSamples(*angles, content.values, path.stem, content.isotropic)
+
+
+def _arccos(cosine: np.ndarray) -> np.ndarray:
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 def _header(lines: list[str]) -> dict[str, list[str]]:
@@ -87,52 +268,56 @@ def _structure(path: Path, header: dict[str, list[str]]) -> tuple[int, int, str]
         raise SimrigError(
             f"ALTA file '{path}' needs '#DIM inputs outputs' and '#PARAM_IN'"
         ) from error
-    if name not in _INPUTS:
-        raise unknown_name("ALTA parameterisation", name, _INPUTS)
-    if inputs != _INPUTS[name] or outputs not in (1, 3):
+    if name in _NOT_READ:
+        raise SimrigError(f"ALTA file '{path}' is in {name}: {_NOT_READ[name]}")
+    if name not in _KNOWN:
+        raise unknown_name("ALTA parameterisation", name, _KNOWN)
+    if inputs != _KNOWN[name].inputs or outputs not in (1, 3):
         raise SimrigError(
             f"ALTA file '{path}' has {inputs} inputs and {outputs} outputs; {name} has "
-            f"{_INPUTS[name]}, and 1 or 3 outputs can be read"
+            f"{_KNOWN[name].inputs}, and 1 or 3 outputs can be read"
         )
-    if header.get("VS", ["0"]) not in (["0"], []):
+    if any(word != "0" for word in header.get("VS", [])):
         raise SimrigError(f"ALTA file '{path}' stores confidences (#VS), which cannot be read")
     return inputs, outputs, name
 
 
-def _numbers(path: Path, rows: list[tuple[int, list[str]]], width: int) -> np.ndarray:
-    if not rows:
+def _output(path: Path, header: dict[str, list[str]], outputs: int) -> str:
+    """Return what the outputs are."""
+    unit = (header.get("PARAM_OUT") or ["UNKNOWN_OUTPUT"])[0]
+    if unit == "ENERGY":
+        raise SimrigError(f"ALTA file '{path}' holds ENERGY, not f_r in 1/sr: it cannot be used")
+    if unit not in _OUTPUTS:
+        raise unknown_name("ALTA output", unit, _OUTPUTS)
+    if unit == "XYZ_COLOR" and outputs != 3:
+        raise SimrigError(f"ALTA file '{path}' says XYZ_COLOR and has {outputs} outputs")
+    return unit
+
+
+def _numbers(path: Path, lines: list[str], inputs: int, width: int) -> np.ndarray:
+    """Return the rows that are not comments, shape (n, width)."""
+    if not any(line.strip() and not line.lstrip().startswith("#") for line in lines):
         raise SimrigError(f"ALTA file '{path}' has no samples")
-    for number, words in rows:
-        if len(words) != width:
-            raise SimrigError(
-                f"line {number} of ALTA file '{path}' has {len(words)} numbers instead of {width}: "
-                "truncated?"
-            )
     try:
-        table = np.array([[float(word) for word in words] for _, words in rows])
+        table = np.loadtxt(lines, comments="#", ndmin=2)
     except ValueError as error:
-        raise SimrigError(f"ALTA file '{path}' has a row that is not numeric") from error
+        raise SimrigError(_broken_row(path, lines, width)) from error
+    if table.shape[1] != width:
+        raise SimrigError(_broken_row(path, lines, width))
     if not np.all(np.isfinite(table)):
         raise SimrigError(f"ALTA file '{path}' has NaN or infinite values")
+    if np.abs(table[:, :inputs]).max() > 1e6:
+        raise SimrigError(f"ALTA file '{path}' has angles that cannot be (radians are expected)")
     return table
 
 
-def _angles(name: str, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return theta_i, phi_i, theta_v, phi_v."""
-    zero = np.zeros(len(x))
-    if name == "ISOTROPIC_TL_TV_PROJ_DPHI":
-        return x[:, 0], zero, np.hypot(x[:, 1], x[:, 2]), np.arctan2(x[:, 2], x[:, 1])
-    if name == "ISOTROPIC_TV_TL_DPHI":
-        return x[:, 1], zero, x[:, 0], x[:, 2]
-    if name == "SPHERICAL_TL_PL_TV_PV":
-        return x[:, 0], x[:, 1], x[:, 2], x[:, 3]
-    view, light = x[:, :3], x[:, 3:]
-    angles = [
-        angle
-        for d in (light, view)
-        for angle in (
-            np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]),
-            np.arctan2(d[:, 1], d[:, 0]),
-        )
-    ]
-    return angles[0], angles[1], angles[2], angles[3]
+def _broken_row(path: Path, lines: list[str], width: int) -> str:
+    """Return what to say of the first row that has not the right count of numbers."""
+    for number, line in enumerate(lines, 1):
+        words = line.partition("#")[0].split()
+        if words and len(words) != width:
+            return (
+                f"line {number} of ALTA file '{path}' has {len(words)} numbers instead of {width}: "
+                "truncated?"
+            )
+    return f"ALTA file '{path}' has a row that is not numeric"
