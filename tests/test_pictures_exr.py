@@ -133,7 +133,7 @@ def test_layers_are_named_or_asked_for(tmp_path, rgb) -> None:
     combined = planes(3 * rgb, "RGBA"[:3], "ViewLayer.Combined.")
     path = write(tmp_path / "blender.exr", combined | planes(rgb, "RGB", "ViewLayer.DiffCol."))
     np.testing.assert_array_equal(read_picture(path).pixels, 3 * rgb)
-    with pytest.raises(SimrigError, match=r"has no channels R, G, B.*only: depth\.Z"):
+    with pytest.raises(SimrigError, match=r"has no channels R, G, B or Y, only: depth\.Z"):
         read_picture(write(tmp_path / "depth.exr", depth))
 
 

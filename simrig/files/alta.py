@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from simrig.brdf.checks import CLAMP
-from simrig.brdf.protocol import Reflectance as Brdf
+from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.from_samples import assemble, half_difference_table
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.core.colour import FROM_XYZ
@@ -240,7 +240,10 @@ def _samples(path: Path, content: _Content) -> ScatteredSamples:
             np.arctan2(d[:, 1], d[:, 0]),
         )
     ]
-    return ScatteredSamples(*angles, content.values, path.stem, content.isotropic)
+    theta_i, phi_i, theta_v, phi_v = angles
+    return ScatteredSamples(
+        theta_i, phi_i, theta_v, phi_v, content.values, path.stem, content.isotropic
+    )
 
 
 def _arccos(cosine: np.ndarray) -> np.ndarray:

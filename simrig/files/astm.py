@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from simrig.brdf.checks import CLAMP
-from simrig.brdf.protocol import Reflectance as Brdf
+from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.from_samples import assemble
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.brdf.tables.to_samples import sampled
@@ -87,7 +87,8 @@ def read_astm(
     if negative and not clamp_negative:
         raise SimrigError(f"'{path}' has {negative} negative of {values.size} values{CLAMP}")
     colours, note = _colours(path, rest, np.maximum(values, 0.0), angles[:, 2], wavelength)
-    samples = ScatteredSamples(*angles.T, colours, path.stem)
+    theta_i, phi_i, theta_v, phi_v = angles.T
+    samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem)
     return AstmSamples(samples, header, [*notes, note])
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.checks import CLAMP
-from simrig.brdf.protocol import Reflectance as Brdf
+from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.from_samples import assemble
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.brdf.tables.to_samples import sampled
@@ -71,7 +71,9 @@ def read_bird(
     keys, kinds, notes = _keys(path, data, len(values))
     directions, table = _pivot(path, angles, keys, np.maximum(values, 0.0), len(kinds))
     colours, note = _colours(path, kinds, table, wavelength)
-    return ScatteredSamples(*directions.T, colours, path.stem), [*notes, note]
+    theta_i, phi_i, theta_v, phi_v = directions.T
+    samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem)
+    return samples, [*notes, note]
 
 
 def load_bird(

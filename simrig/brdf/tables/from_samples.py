@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from simrig.brdf.protocol import Reflectance as Brdf
-from simrig.brdf.tables.barycentric import BarycentricReflectance
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable, fill_invalid
 from simrig.brdf.tables.scattered import (
@@ -134,7 +134,7 @@ def _all_pairs(angles: np.ndarray, samples: ScatteredSamples) -> Assembled | Non
         return None
     same = lights.shape == views.shape and np.allclose(lights, views, atol=_SAME_ANGLE)
     if same:
-        brdf = BarycentricReflectance(lights[:, 0], lights[:, 1], values, name=samples.name)
+        brdf = BarycentricBrdf(lights[:, 0], lights[:, 1], values, name=samples.name)
         return Assembled(brdf, f"{text}, interpolated between neighbours")
     theta_max = float(max(lights[:, 0].max(), views[:, 0].max()))
     n_theta, n_phi = int(np.ceil(theta_max / _STEP - 1e-4)) + 1, round(2.0 * np.pi / _STEP)
@@ -152,11 +152,11 @@ def _all_pairs(angles: np.ndarray, samples: ScatteredSamples) -> Assembled | Non
 def _regular(
     lights: np.ndarray, views: np.ndarray, values: np.ndarray, name: str
 ) -> DenseTable | None:
-    """Return a dense table where both sets are grids of the same elevations, None elsewhere."""
-    sides = [_grid_of(side) for side in (lights, views)]
-    if sides[0] is None or sides[1] is None:
+    """Return a dense table where both sets are grids of the same polar angles, None elsewhere."""
+    from_lights, from_views = _grid_of(lights), _grid_of(views)
+    if from_lights is None or from_views is None:
         return None
-    (theta, rows_i), (theta_v, rows_v) = sides
+    (theta, rows_i), (theta_v, rows_v) = from_lights, from_views
     if theta.shape != theta_v.shape or not np.allclose(theta, theta_v, atol=_SAME_ANGLE):
         return None
     table = values[rows_i][:, :, rows_v]  # theta_i, phi_i, theta_v, phi_v, 3
@@ -166,7 +166,7 @@ def _regular(
 
 
 def _grid_of(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the elevations of a regular grid, and the row of each node (n_theta, n_phi)."""
+    """Return the polar angles of a regular grid, and the row of each node (n_theta, n_phi)."""
     theta = np.sort(directions[:, 0])
     theta = theta[np.concatenate([[True], np.diff(theta) > _SAME_ANGLE])]
     if len(theta) < 2 or theta[0] > _SAME_ANGLE:
@@ -209,17 +209,18 @@ def _isotropic_grid(angles: np.ndarray, samples: ScatteredSamples) -> Assembled 
     values, number = values.reshape(*shape, 3), number.reshape(shape)
     if pole.any():  # a direction at the pole has one value whatever the azimuth
         for axis in (0, 1):
-            at = [slice(None), slice(None)]
-            at[axis] = 0
+            at: tuple[int | slice, ...] = (0,) if axis == 0 else (slice(None), 0)
             if axes[axis][0] == 0.0:
-                part, counted = values[tuple(at)], number[tuple(at)]
+                part, counted = values[at], number[at]
                 total = counted.sum(axis=-1, keepdims=True)
                 mean = (part * counted[..., None]).sum(axis=-2, keepdims=True)
-                values[tuple(at)] = mean / np.maximum(total, 1)[..., None]
-                number[tuple(at)] = total
+                values[at] = mean / np.maximum(total, 1)[..., None]
+                number[at] = total
     if np.any(number == 0):
         return None
-    theta_i, theta_v, phi, values = _whole_circle(*axes, np.maximum(values, 0.0))
+    theta_i, theta_v, phi, values = _whole_circle(
+        axes[0], axes[1], axes[2], np.maximum(values, 0.0)
+    )
     if phi is None:
         return None
     theta_max = float(min(theta_i[-1], theta_v[-1]))
@@ -238,7 +239,8 @@ def _isotropic_grid(angles: np.ndarray, samples: ScatteredSamples) -> Assembled 
     table = np.ascontiguousarray(relative[:, :, turned], dtype=np.float32)
     exact = all(np.allclose(axis, nodes, atol=_SAME_ANGLE) for axis in (theta_i, theta_v))
     how = (
-        f"isotropic, {shape[0]} × {shape[1]} elevations and {shape[2]} azimuths between on a grid, "
+        f"isotropic, {shape[0]} × {shape[1]} polar angles and {shape[2]} azimuths between on a "
+        "grid, "
         + ("held as they are" if exact else f"interpolated to every {np.degrees(step):.3g}°")
     )
     return Assembled(DenseTable(table, step, theta_max, name=samples.name), how)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance as Brdf
-from simrig.brdf.protocol import evaluate
+from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.resample import is_isotropic
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 
-_LAST = np.radians(85.0)  # elevation of the outermost nodes; further out tables hold
-_ISOTROPIC_STEPS_DEG = (5.0, 5.0)  # of the elevations and of the azimuth between
+_LAST = np.radians(85.0)  # polar angle of the outermost nodes; further out tables hold
+_ISOTROPIC_STEPS_DEG = (5.0, 5.0)  # of the polar angles and of the azimuth between
 _STEPS_DEG = (10.0, 15.0)  # the same of both directions of an anisotropic material
 _MOST_SAMPLES = 1 << 24
 

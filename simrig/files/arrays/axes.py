@@ -122,7 +122,7 @@ def nodes(axis: Axis, count: int, stored: np.ndarray | None) -> tuple[np.ndarray
 
 
 def _usual(name: str, count: int) -> tuple[np.ndarray, str]:
-    """Return elevations from 0 with the step that is a usual one, if only one of two is."""
+    """Return polar angles from 0 with the step that is a usual one, if only one of two is."""
     steps = {90.0 / count: 90.0 - 90.0 / count}
     if count > 1:
         steps[90.0 / (count - 1)] = 90.0
@@ -130,7 +130,7 @@ def _usual(name: str, count: int) -> tuple[np.ndarray, str]:
     if len(usual) != 1:
         stated = " or ".join(f"{name}=0:{last:g}" for last in steps.values())
         raise SimrigError(
-            f"{count} elevations of {name} may end anywhere: state their range, such as {stated}"
+            f"{count} polar angles of {name} may end anywhere: state their range, such as {stated}"
         )
     last = steps[usual[0]]
     return np.linspace(

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from simrig.brdf.checks import CLAMP
-from simrig.brdf.protocol import Reflectance as Brdf
+from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.from_samples import assemble, half_difference_table
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable
@@ -94,7 +94,7 @@ def write_npz(path: str | Path, brdf: Brdf) -> None:
     """Write a BRDF as a compressed ``.npz``; a dense table as it is, others every 5°."""
     content = _content(brdf)
     with atomic_write(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, **content)
+        np.savez_compressed(file, allow_pickle=False, **content)
 
 
 def write_mat(path: str | Path, brdf: Brdf) -> None:
@@ -112,7 +112,7 @@ def _content(brdf: Brdf) -> dict[str, np.ndarray]:
         top = min(brdf.theta_max, np.radians(85.0))
         table = resample_dense(brdf, np.radians(_STEP_DEG), _AZIMUTHS, top)
     phi_i, phi_v = table.azimuths
-    theta = np.degrees(table.elevations)
+    theta = np.degrees(table.thetas)
     return {
         "brdf": table.values,
         "theta_i": theta,
@@ -280,7 +280,7 @@ def _regular(path: Path, nodes: list[np.ndarray], values: np.ndarray) -> DenseTa
 def _even(
     path: Path, nodes: list[np.ndarray], values: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the array interpolated to even steps of elevations from 0° and around the circle."""
+    """Return the array interpolated to even steps of polar angles from 0° and around the circle."""
     for name, axis in zip(("phi_i", "phi_v"), nodes[2:], strict=True):
         gaps = np.diff(np.append(axis, axis[0] + 360.0))
         if len(axis) < 2 or gaps[-1] > 2.0 * gaps[:-1].max() + _SAME:
@@ -289,7 +289,7 @@ def _even(
             )
     steps = np.concatenate([np.diff(nodes[0]), np.diff(nodes[1])])
     if len(steps) == 0:
-        raise SimrigError(f"'{path}' has a single elevation: two at least make a table")
+        raise SimrigError(f"'{path}' has a single polar angle: two at least make a table")
     top = float(min(nodes[0][-1], nodes[1][-1]))
     count = max(round(top / max(float(steps.min()), 1.0)), 1)
     theta = np.linspace(0.0, top, count + 1)

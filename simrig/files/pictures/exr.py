@@ -123,7 +123,7 @@ def _check(path: Path, headers: list[dict[str, Any]]) -> None:
         if str(header.get("type", "")).rsplit(".", 1)[-1].startswith("deep"):
             raise SimrigError(f"'{path}' holds deep pixels (several depths each): flatten it first")
         for name, (left, top, right, bottom) in zip(("data", "display"), boxes, strict=True):
-            check_size(path, right - left, bottom - top, f" in its {name} window")
+            check_size(path, right - left, bottom - top, f"its {name} window")
         left, top, right, bottom = boxes[0]
         claimed = (right - left) * (bottom - top) * channels
         name = str(header.get("compression", "")).rsplit(".", 1)[-1].removesuffix("_COMPRESSION")
@@ -183,7 +183,7 @@ def _choose(
     if not layers:
         names = [channel.name for header in headers for channel in header["channels"]]
         shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-        raise SimrigError(f"'{path}' has no channels R, G, B, or X, Y, Z, or Y, only: {shown}")
+        raise SimrigError(f"'{path}' has no channels R, G, B or Y, only: {shown}")
     if wanted is not None:
         for layer in layers:
             if layer.name.lower() == wanted.lower() or (wanted == "main" and not layer.name):

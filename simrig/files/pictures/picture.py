@@ -86,7 +86,7 @@ def as_image(values: np.ndarray, what: str = "the image") -> np.ndarray:
     return np.ascontiguousarray(image if image.shape[2] == 3 else np.repeat(image, 3, axis=2))
 
 
-def check_size(path: Path, width: int, height: int, what: str = "") -> None:
+def check_size(path: Path, width: int, height: int, what: str = "it") -> None:
     """Refuse a picture of no pixels or of too many, before anything is allocated.
 
     Raises:
@@ -94,7 +94,7 @@ def check_size(path: Path, width: int, height: int, what: str = "") -> None:
     """
     if not (width > 0 and height > 0 and width * height <= LARGEST_IMAGE):
         raise SimrigError(
-            f"'{path}' says it has {width} × {height} pixels{what}; "
+            f"'{path}' says {what} has {width} × {height} pixels; "
             f"we read images of 1 to {LARGEST_IMAGE} pixels"
         )
 

@@ -1,6 +1,6 @@
 """Klems matrices: f_r averaged over patches of the hemisphere, illumination by view.
 
-A basis divides the hemisphere into rings of elevations and these into patches, the first of each
+A basis divides the hemisphere into rings of polar angles and these into patches, the first of each
 ring around azimuth 0. An illumination's patch is that into which its light travels, so the light
 comes from half a turn further (Klems 1994; Radiance ``bsdf_m.c``): mirror reflection lies on the
 diagonal. Read, patches are joined by barycentric interpolation between their centres; written, each
@@ -16,9 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from simrig.brdf.checks import CLAMP
-from simrig.brdf.protocol import Reflectance as Brdf
-from simrig.brdf.protocol import evaluate
-from simrig.brdf.tables.barycentric import BarycentricReflectance as BarycentricBrdf
+from simrig.brdf.protocol import Brdf, evaluate
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.core.colour import FROM_XYZ, TO_XYZ
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.directions.spherical import to_vector
@@ -36,7 +35,7 @@ class KlemsBasis:
     """Patches of the hemisphere.
 
     Attributes:
-        bounds_deg: elevations between the rings, from 0 to 90.
+        bounds_deg: polar angles between the rings, from 0 to 90.
         counts: patches of each ring.
     """
 

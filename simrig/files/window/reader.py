@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simrig.brdf.protocol import Reflectance as Brdf
+from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
 from simrig.files.window import klems, tensor_tree, xml
 

@@ -20,8 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from simrig.brdf.protocol import Reflectance as Brdf
-from simrig.brdf.protocol import above_horizon, evaluate
+from simrig.brdf.protocol import Brdf, above_horizon, evaluate
 from simrig.brdf.tables.resample import (
     is_isotropic,
     resample_dense,
@@ -96,8 +95,8 @@ def write_tree(path: str | Path, brdf: Brdf, level: int | None = None) -> None:
     if not 1 <= level <= _DEEPEST[rank]:
         raise SimrigError(f"a tree of rank {rank} has 1 to {_DEEPEST[rank]} levels, not {level}")
     wi, wv = _cell_directions(rank, level)
-    flat = [part.reshape(-1, 3) for part in np.broadcast_arrays(wi, wv)]
-    values = evaluate(brdf, *flat).reshape((1 << level,) * rank + (3,))
+    light, view = (part.reshape(-1, 3) for part in np.broadcast_arrays(wi, wv))
+    values = evaluate(brdf, light, view).reshape((1 << level,) * rank + (3,))
     y, u, v = _yuv(values)
     data = "".join(
         xml.wavelength_data(colour, "front", _BASIS, _tree_text(grid))
