@@ -1,7 +1,9 @@
-"""Registration of the simrig BSDFs, once per Mitsuba variant."""
+"""Registration of the simrig plugins in every Mitsuba variant that is set."""
 
 from __future__ import annotations
 
+from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.plugins.adapter import define_adapter
 from simrig.plugins.all_lights import define_all_lights
 from simrig.plugins.btf import define_btf
@@ -19,11 +21,15 @@ def register() -> type:
 
     Returns:
         The adapter class of the variant.
+
+    Raises:
+        SimrigError: an LLVM variant, and no libLLVM that can run it, with the cure.
     """
     import mitsuba as mi
 
     variant = str(mi.variant())
     if variant not in _ADAPTERS:
+        _check_llvm(variant)
         adapter = define_adapter()
         for name, build in PLUGINS.items():
             body = {"build": staticmethod(build), "__doc__": build.__doc__}
@@ -43,3 +49,37 @@ def register_btf() -> type:
 
     register()
     return _BTFS[str(mi.variant())]
+
+
+def follow_variants() -> None:
+    """Register the plugins in the variant that is set, if one is, and in each that will be.
+
+    Mitsuba calls back whenever another variant is set, whoever sets it.
+
+    Raises:
+        SimrigError: as ``register``; later it is ``mi.set_variant`` that raises it.
+    """
+    import mitsuba as mi
+
+    if mi.variant() is not None:
+        register()
+    mi.detail.add_variant_callback(_variant_changed)
+
+
+def _check_llvm(variant: str) -> None:
+    """Refuse a libLLVM that would abort the process, before the first kernel is compiled."""
+    problem = backend.llvm_problem() if variant.startswith("llvm") else None
+    if problem:
+        raise SimrigError(f"variant '{variant}' cannot run here: {problem}")
+
+
+def _variant_changed(old: str | None, new: str) -> None:
+    """Register in the variant; where that cannot run, set the one before it again."""
+    try:
+        register()
+    except SimrigError:
+        import mitsuba as mi
+
+        if old in _ADAPTERS:
+            mi.set_variant(old)
+        raise

@@ -1,4 +1,4 @@
-"""Linear RGB BRDF to whatever spectrum the current variant transports.
+"""Linear RGB BRDF to whatever the current variant transports: RGB, luminance or a spectrum.
 
 The spectral variants use the basis of Mallett and Yuksel 2019 ("Spectral primary decomposition
 for rendering with sRGB reflectance"): three non-negative spectra that add up to one and whose
@@ -38,11 +38,21 @@ class Upsampler:
         self._basis = to_device(basis(), mi.Float) if mi.is_spectral else None
 
     def __call__(self, colour: Array, wavelengths: Array) -> Array:
-        """Return the spectrum of a linear RGB colour at ``wavelengths`` (nm; unused in RGB)."""
+        """Return what a linear RGB colour is in the variant.
+
+        Args:
+            colour: linear RGB.
+            wavelengths: in nm; used by spectral variants only.
+        """
         mi = self._mi
-        if self._basis is None:
-            return mi.Color3f(colour[0], colour[1], colour[2])
-        return mi.Spectrum([self._at(colour, w) for w in wavelengths])
+        if mi.is_spectral:
+            return self._seen(mi.UnpolarizedSpectrum([self._at(colour, w) for w in wavelengths]))
+        rgb = mi.Color3f(colour[0], colour[1], colour[2])
+        return self._seen(mi.UnpolarizedSpectrum(mi.luminance(rgb)) if mi.is_monochromatic else rgb)
+
+    def _seen(self, value: Array) -> Array:
+        """Return a value as the variant transports light: polarized ones see it depolarized."""
+        return self._mi.mueller.depolarizer(value) if self._mi.is_polarized else value
 
     def _at(self, colour: Array, wavelength: Array) -> Array:
         """Interpolate the basis; it holds its end values outside of 380 to 780 nm."""

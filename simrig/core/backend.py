@@ -143,7 +143,7 @@ def resolve(variant: str = "auto") -> str:
 
 
 def select(variant: str = "auto") -> str:
-    """Set the Mitsuba variant and register the simrig plugins in it.
+    """Set the Mitsuba variant; the simrig plugins are registered in it.
 
     Args:
         variant: ``"auto"`` (CUDA where a usable GPU is, else LLVM, in RGB) or one of ``VARIANTS``.
@@ -157,11 +157,9 @@ def select(variant: str = "auto") -> str:
     variant = resolve(variant)
     import mitsuba as mi
 
+    importlib.import_module("simrig.plugins")  # they follow every variant that is set
     if mi.variant() != variant:
         mi.set_variant(variant)
-    from simrig.plugins.register import register
-
-    register()
     return variant
 
 
@@ -169,7 +167,10 @@ def current() -> str:
     """Return the Mitsuba variant that is set; the automatic one is set when there is none."""
     import mitsuba as mi
 
-    return str(mi.variant()) if mi.variant() is not None else select()
+    if mi.variant() is None:
+        return select()
+    importlib.import_module("simrig.plugins")  # it may be the first of ours that is used
+    return str(mi.variant())
 
 
 def types(precision: str = "float32", backend: str = "auto") -> SimpleNamespace:
