@@ -8,24 +8,33 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 SOURCES := simrig plugins scenes evaluation tests
 
-.PHONY: help install demo test test-quick lint types format doctor clean
+.PHONY: help install constraints demo test test-quick test-random coverage lint types format \
+	doctor clean
 
 help:
 	@echo "make demo        set up, then run the main job into output/demo"
 	@echo "make test        set up, then everything: ruff, mypy and every test"
 	@echo "make test-quick  the tests that take seconds"
+	@echo "make test-random the property tests with new examples; SEED=n repeats a run"
+	@echo "make coverage    the quick tests, and which lines they run"
 	@echo "make lint        ruff and mypy"
 	@echo "make format      let ruff rewrite the code"
 	@echo "make doctor      say what is missing and how to get it"
 	@echo "make install     set up only"
+	@echo "make constraints write down the versions that are installed, as those to be tested"
 	@echo "make clean       remove what these commands made"
 
 install: $(READY)
 
 # again only when the list of packages changed; libLLVM is looked for with simrig's own check
-$(READY): pyproject.toml .ci/setup
+$(READY): pyproject.toml .ci/setup .ci/constraints.txt
 	@.ci/setup "$(PYTHON)" "$(VENV)"
 	@touch $@
+
+constraints: $(READY)
+	@{ sed '/^[^#]/d' .ci/constraints.txt; \
+	$(BIN)/python -m pip freeze --all --exclude-editable --exclude pip | grep '=='; } \
+	> $(VENV)/constraints && cp $(VENV)/constraints .ci/constraints.txt
 
 demo: $(READY)
 	$(BIN)/simrig demo --output output/demo
@@ -39,6 +48,15 @@ test: $(READY)
 
 test-quick: $(READY)
 	@$(PYTEST) -m "not slow"
+
+# everywhere else the examples are the same in every run
+SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
+test-random: $(READY)
+	@seed=$(SEED); echo "again with these examples: make test-random SEED=$$seed"; \
+	$(PYTEST) -m hypothesis --hypothesis-profile=random --hypothesis-seed=$$seed
+
+coverage: $(READY)
+	@$(PYTEST) -m "not slow" --cov --cov-report=term:skip-covered
 
 lint: $(READY) types
 	$(BIN)/ruff check $(SOURCES)
@@ -58,4 +76,4 @@ doctor: $(READY)
 	$(BIN)/simrig doctor
 
 clean:
-	rm -rf $(VENV) .types build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis output
+	rm -rf $(VENV) .types build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage output

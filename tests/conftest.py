@@ -16,8 +16,9 @@ try:
 except ImportError as error:  # pragma: no cover
     raise pytest.UsageError("simrig is not installed: run 'make install' first") from error
 
-# The same examples in every run, and no limit on the time of one
+# The same examples in every run, and no limit on the time of one; ``make test-random`` draws others
 hypothesis.settings.register_profile("simrig", derandomize=True, deadline=None)
+hypothesis.settings.register_profile("random", derandomize=False, deadline=None, database=None)
 hypothesis.settings.load_profile("simrig")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -55,6 +55,7 @@ LAZILY = {
 
 TOP_LEVEL = {
     *(".ci", ".gitignore", "Makefile", "README.md", "pyproject.toml"),
+    *("CHANGELOG.md", "CITATION.cff", "LICENSE"),
     *("docs", "evaluation", "plugins", "scenes", "simrig", "tests"),
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,9 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import simrig
 
@@ -60,9 +64,72 @@ def test_the_version_is_stated_once() -> None:
     assert PROJECT["project"]["version"] == simrig.__version__ == metadata.version("simrig")
 
 
+def requirements() -> list[Requirement]:
+    project = PROJECT["project"]
+    extras = [line for lines in project["optional-dependencies"].values() for line in lines]
+    lines = [*project["dependencies"], *extras, *PROJECT["build-system"]["requires"]]
+    return [found for found in map(Requirement, lines) if found.name != "simrig"]
+
+
+def constraints() -> dict[str, str]:
+    """Return the tested version of each package; fail at a line that is not NAME==VERSION."""
+    lines = (ROOT / ".ci" / "constraints.txt").read_text().splitlines()
+    pairs = [line.split("==") for line in lines if not line.startswith("#")]
+    assert all(len(pair) == 2 and not re.search(r"[/@: ]", pair[0] + pair[1]) for pair in pairs)
+    assert len({canonicalize_name(name) for name, _ in pairs}) == len(pairs)
+    return {canonicalize_name(name): version for name, version in pairs}
+
+
+def test_every_dependency_has_a_tested_version_within_its_range() -> None:
+    tested = constraints()
+    for wanted in requirements():
+        name = canonicalize_name(wanted.name)
+        assert name in tested, f"{name}: no line in .ci/constraints.txt; 'make constraints'"
+        assert tested[name] in wanted.specifier, f"{name}: {tested[name]} is not {wanted.specifier}"
+
+
+def test_what_dependencies_need_has_a_tested_version_too() -> None:
+    """A package that a fresh machine would pick for itself could be one that nobody tested."""
+    tested = constraints()
+    todo = [(canonicalize_name(wanted.name), wanted.extras) for wanted in requirements()]
+    seen = set()
+    while todo:
+        name, extras = todo.pop()
+        assert name in tested, f"{name}: no line in .ci/constraints.txt; 'make constraints'"
+        if (name, frozenset(extras)) in seen:
+            continue
+        seen.add((name, frozenset(extras)))
+        for line in metadata.requires(name) or []:
+            wanted = Requirement(line)
+            environments = [{"extra": extra} for extra in (*extras, "")]
+            if wanted.marker is None or any(map(wanted.marker.evaluate, environments)):
+                todo.append((canonicalize_name(wanted.name), wanted.extras))
+
+
+def test_the_setup_takes_the_tested_versions() -> None:
+    assert "--constraint .ci/constraints.txt" in (ROOT / ".ci" / "setup").read_text()
+
+
+def test_the_licence_and_the_citation_agree_with_the_package() -> None:
+    project = PROJECT["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    licence = (ROOT / "LICENSE").read_text()
+    (author,) = project["authors"]
+    assert project["license"] == citation["license"] == "BSD-3-Clause"
+    assert licence.startswith("BSD 3-Clause") and author["name"] in licence
+    assert citation["authors"] == [author]
+    assert str(citation["version"]) == project["version"]
+    assert f"## {project['version']}" in (ROOT / "CHANGELOG.md").read_text()
+    (thesis,) = citation["references"]
+    title = thesis["title"]
+    assert title in (ROOT / "docs" / "bibliography.md").read_text()
+    assert title in (ROOT / "README.md").read_text()
+
+
 def test_package_data_exists() -> None:
     for package, patterns in SETUPTOOLS["package-data"].items():
-        folder = ROOT / package.removeprefix("simrig.").replace(".", "/")
+        top, *rest = package.split(".")[1:] or [""]
+        folder = (ROOT / top if top in MAPPED else ROOT / "simrig" / top).joinpath(*rest)
         for pattern in patterns:
             assert list(folder.glob(pattern)), f"{package}: {pattern} matches nothing"
 
@@ -74,7 +141,7 @@ def test_the_makefile_offers_what_the_readme_says() -> None:
         if ":" in line and not line.startswith(("\t", ".", "#"))
     }
     readme = (ROOT / "README.md").read_text()
-    for target in ("demo", "test", "test-quick", "lint", "install"):
+    for target in ("demo", "test", "test-quick", "test-random", "coverage", "lint", "install"):
         assert target in targets
         assert f"make {target}" in readme
     assert "make --silent test" in (ROOT / ".ci" / "run").read_text()
@@ -84,7 +151,7 @@ def test_the_makefile_offers_what_the_readme_says() -> None:
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build a wheel from a copy, so that nothing is left in the working tree."""
     place = tmp_path_factory.mktemp("wheel")
-    wanted = ("simrig", *MAPPED, "pyproject.toml", "README.md")
+    wanted = ("simrig", *MAPPED, "pyproject.toml", "README.md", "LICENSE")
     for name in wanted:
         source = ROOT / name
         if source.is_dir():
@@ -104,7 +171,7 @@ def test_the_wheel_holds_every_module(wheel: Path) -> None:
     held = set(zipfile.ZipFile(wheel).namelist())
     for top in ("simrig", *sorted(MAPPED)):
         for path in (ROOT / top).rglob("*"):
-            if path.suffix in (".py", ".html"):
+            if path.suffix in (".py", ".html", ".toml", ".typed"):
                 name = path.relative_to(ROOT).as_posix()
                 assert (name if top == "simrig" else f"simrig/{name}") in held
 

@@ -25,7 +25,7 @@ from simrig.files.images import as_image, encode_srgb, to_srgb8
 PEAK = 255.0
 LOG_PEAK = 1e4  # see log_psnr
 LOG_FLOOR = 1e-5
-_SSIM_SIGMA = 1.5  # Wang et al. 2004; an 11×11 Gaussian window
+_SSIM_SIGMA = 1.5  # [WBSS04]; an 11×11 Gaussian window
 _SSIM_BORDER = 5  # half of that window: pixels where it would leave the image
 _FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's default: 0.7 m from a 0.7 m wide display of 3840 pixels
 
@@ -115,7 +115,7 @@ def psnr_from_mse(error: float) -> float:
 def ssim_map(reference: np.ndarray, image: np.ndarray, exposure: float = 1.0) -> np.ndarray:
     """Return the structural similarity of each pixel, shape (height, width), in [-1, 1].
 
-    Settings of Wang et al. 2004: Gaussian window with σ = 1.5 (11×11), K1 = 0.01, K2 = 0.03,
+    Settings of [WBSS04]: Gaussian window with σ = 1.5 (11×11), K1 = 0.01, K2 = 0.03,
     population covariance, data range 255; on the displayed images, each colour channel by
     itself, then their mean. The outermost five pixels, where the window leaves the image, are
     NaN and count nowhere.
@@ -167,7 +167,7 @@ def log_psnr(
     """Return the logarithmic PSNR of two arrays of any shape, in dB; higher is better.
 
     log-PSNR = 20·log10(log10(peak) / RMSE(log10 max(I, floor))), over all values, each colour
-    channel for itself. Aydin, Mantiuk and Seidel 2008 compare logarithms of values so that an
+    channel for itself. [AMS08] compares logarithms of values so that an
     error counts by its ratio and not by its size; peak (1e4) and floor (1e-5) are those of
     Mantiuk's published implementation. They only shift the scale and mute values near zero, but
     results can be compared only when both are the same.
@@ -194,11 +194,11 @@ def flip_map(
 ) -> np.ndarray:
     """Return the FLIP difference of each pixel, shape (height, width), in [0, 1].
 
-    Andersson et al. 2020, at 67 pixels per degree (the method's default viewing distance).
+    [ANA20], at 67 pixels per degree (the method's default viewing distance).
 
     Args:
         exposure: of the display, for the LDR variant.
-        hdr: HDR-FLIP (Andersson et al. 2021) on the linear values: the largest difference over
+        hdr: HDR-FLIP [ANS21] on the linear values: the largest difference over
             a range of exposures, see ``_flip_exposures``.
     """
     import flip_evaluator
@@ -224,7 +224,7 @@ def flip_map(
 def _flip_exposures(reference: np.ndarray) -> dict[str, float]:
     """Return HDR-FLIP's exposures (EV), from where the reference is not black.
 
-    The rule is that of Andersson et al. 2021: the brightest pixel, then the median one, reach
+    The rule is that of [ANS21]: the brightest pixel, then the median one, reach
     0.85 after the ACES curve. The evaluator's own search takes the median over the background
     too: a picture that is mostly black is then judged at +20 EV, and an all-black reference
     ends the process.

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from simrig.core.errors import SimrigError
 from simrig.perception.grey import grey_image, grey_pair
 
-# Thesis Table 3.3; its C_1 and C_2 are what Wang et al. 2004 call K_1 and K_2
+# Thesis Table 3.3; its C_1 and C_2 are what [WBSS04] calls K_1 and K_2
 SSIM_K = (0.01, 0.03)
 SSIM_SIGMA = 1.5  # pixels
 WINDOW = 11  # pixels
@@ -46,7 +46,7 @@ def contrast(plain: ArrayLike, textured: ArrayLike) -> float:
 def structural_difference(plain: ArrayLike, textured: ArrayLike) -> float:
     """Return 1 − SSIM of two images, averaged (feature 3).
 
-    Wang et al. 2004 with the settings of thesis Table 3.3: Gaussian window of 11 pixels, σ = 1.5,
+    [WBSS04] with the settings of thesis Table 3.3: Gaussian window of 11 pixels, σ = 1.5,
     K_1 = 0.01, K_2 = 0.03, data range 1. Pixels whose window leaves the image do not count.
 
     Raises:
@@ -71,7 +71,7 @@ def structural_difference(plain: ArrayLike, textured: ArrayLike) -> float:
 def perceptual_difference(plain: ArrayLike, textured: ArrayLike, pixels_per_degree: float) -> float:
     """Return the mean LDR-FLIP difference of two images, in [0, 1] (in place of feature 4).
 
-    FLIP (Andersson et al. 2020) replaces HDR-VDP-2, which is kept as MATLAB code only. Both ask
+    FLIP [ANA20] replaces HDR-VDP-2, which is kept as MATLAB code only. Both ask
     how visible a difference is from a distance, but on other scales: the published constants
     for ``1 - VDP2/100`` do not hold for FLIP, a new fit is needed.
 

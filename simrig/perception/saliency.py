@@ -1,6 +1,6 @@
 """Luminance contrast, texture contrast and saliency of an image, over several scales.
 
-Features 5 to 7 of thesis Table 3.1, after Parkhurst and Niebur 2004 ([PN04]): first- and
+Features 5 to 7 of thesis Table 3.1, after Parkhurst and Niebur [PN04]: first- and
 second-order contrast from spatial gradients of luminance in a Gaussian pyramid. The thesis names
 the parameters (Table 3.3) and the sum C_L + 10·C_T, not the formulas in between. They are read as
 follows, on every level of the pyramid:

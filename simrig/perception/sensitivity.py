@@ -36,7 +36,7 @@ def pixels_per_degree(pixel_mm: float, distance_mm: float) -> float:
 
 
 def contrast_sensitivity(spatial_cpd: ArrayLike, temporal_hz: ArrayLike = STATIC_HZ) -> np.ndarray:
-    """Return the achromatic contrast sensitivity of Burbeck and Kelly 1980.
+    """Return the achromatic contrast sensitivity of Burbeck and Kelly [BK80].
 
     CSF = 4π² f_s f_t · exp(−4π(f_t + 2 f_s)/45.9) · (6.1 + 7.3 |log10(f_t / (3 f_s))|³), thesis
     section 3.3.2. Over gratings that move at a constant speed v = f_t/f_s (degrees per second) it
