@@ -125,7 +125,7 @@ def test_a_render_that_misses_the_tolerance_is_found(corner: Pictures) -> None:
     assert not good.violated and result.spp == plan.settings["spp"]
     bad, _ = planned_render_row(corner, replace(plan, settings={**plan.settings, "spp": 1}))
     assert bad.violated
-    direct = corner.planned(without=["inter-reflection"])
+    direct = corner.planned(disable=["inter-reflection"])
     assert planned_render_row(corner, direct)[0].violated
 
 

@@ -100,8 +100,8 @@ def test_an_interrupted_folder_of_pictures_is_finished_by_the_same_command(
     monkeypatch.setattr(btf_images, "write_exr", write)
     assert made("convert", file, folder)["pictures"] == 9
     (folder / "mine.txt").write_text("kept")
-    assert "--force" in refused("convert", file, folder)
-    made("convert", file, folder, "--force")
+    assert "--overwrite" in refused("convert", file, folder)
+    made("convert", file, folder, "--overwrite")
     assert (folder / "mine.txt").read_text() == "kept"
     assert len(btf_images.find_btf_images(folder)[0]) == 9
 

@@ -153,7 +153,7 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
         ([*MEASURE, "--samples", "20"], "20 samples are too few"),
         ([*MEASURE, "--theta-max", "95"], "between 0 and 90"),
         ([*MEASURE, "--azimuth-step", "36"], "together"),
-        ([*MEASURE, "--force", "noize"], "did you mean 'noise'"),
+        ([*MEASURE, "--enable", "noize"], "did you mean 'noise'"),
         ([*MEASURE, "--rig", "gantri"], "unknown --rig 'gantri': did you mean 'gantry'?"),
         ([*MEASURE, "--slices", "round"], "unknown --slices 'round'"),
         (
@@ -208,7 +208,7 @@ def test_a_picture_that_exists_is_kept() -> None:
     common = ("render", "--material", "wood01", "--output", "x.exr", "--resolution", "16")
     assert "'x.png' exists" in refusal(*common)
     assert Path("x.png").read_text() == "precious"
-    done(*common, "--force", "--spp", "1")
+    done(*common, "--overwrite", "--spp", "1")
     assert read_image("x.png").shape == (16, 16, 3)
 
 

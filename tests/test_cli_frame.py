@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -188,6 +188,31 @@ def test_every_command_has_help_and_the_shared_options(name: str) -> None:
     assert result.exit_code == 0
     for option in ("--json", "--quiet", "--verbose", "--help"):
         assert option in result.stdout
+
+
+def commands() -> dict[str, Any]:
+    """Return every command of the application by its words, as ``btf measure``."""
+    found: dict[str, Any] = {}
+    for name, command in typer.main.get_command(app).commands.items():
+        if hasattr(command, "commands"):
+            found |= {f"{name} {own}": one for own, one in command.commands.items()}
+        else:
+            found[name] = command
+    return found
+
+
+def test_options_of_the_same_name_have_the_same_short_one() -> None:
+    short = {"--output": "-o", "--samples": "-n", "--quiet": "-q", "--verbose": "-v"}
+    taken = {value: key for key, value in short.items()}
+    for words, command in commands().items():
+        options = [one.opts for one in command.params if one.param_type_name == "option"]
+        named = {name for names in options for name in names}
+        assert {"--quiet", "--verbose", "--json"} <= named, words
+        assert not named & {"--force", "--without", "--simulate"}, words
+        for names in options:
+            letters = [name for name in names if not name.startswith("--")]
+            assert letters == [short[name] for name in names if name in short], words
+            assert all(taken[letter] in names for letter in letters), words
 
 
 def test_the_bare_command_shows_its_help() -> None:

@@ -15,8 +15,8 @@ from simrig.core.errors import SimrigError
 REQUEST = {"command": "test", "samples": 3}
 
 
-def make(path: Path, text: str = "done", force: bool = False) -> None:
-    with output_folder(path, force, REQUEST) as folder:
+def make(path: Path, text: str = "done", overwrite: bool = False) -> None:
+    with output_folder(path, overwrite, REQUEST) as folder:
         (folder / "pictures").mkdir(exist_ok=True)
         (folder / "pictures" / "a.txt").write_text(text)
 
@@ -50,10 +50,10 @@ def test_a_folder_that_holds_other_files_is_refused(tmp_path: Path, ours: bool) 
         make(target, "first")
     target.mkdir(exist_ok=True)
     (target / "thesis.txt").write_text("precious")
-    with pytest.raises(SimrigError, match=r"in use: it holds 'thesis.txt'.*--force"):
+    with pytest.raises(SimrigError, match=r"in use: it holds 'thesis.txt'.*--overwrite"):
         make(target, "second")
     assert (target / "thesis.txt").read_text() == "precious"
-    make(target, "third", force=True)
+    make(target, "third", overwrite=True)
     assert (target / "thesis.txt").read_text() == "precious"
     assert (target / "pictures" / "a.txt").read_text() == "third"
     assert names(tmp_path) == [
@@ -125,7 +125,7 @@ def test_an_output_that_a_running_process_writes_is_refused(tmp_path: Path, kind
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
         with pytest.raises(SimrigError, match="in use by a running simrig"):
-            make(target, force=True)
+            make(target, overwrite=True)
         with (
             pytest.raises(SimrigError, match="in use by a running simrig"),
             output_file(target, True),
@@ -140,7 +140,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     target = tmp_path / "m.h5"
     with output_file(target, False) as path:
         path.write_text("first")
-    with pytest.raises(SimrigError, match="--force to replace it"), output_file(target, False):
+    with pytest.raises(SimrigError, match="--overwrite to replace it"), output_file(target, False):
         pass
     with output_file(target, True) as path:
         path.write_text("second")

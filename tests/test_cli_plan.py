@@ -9,7 +9,6 @@ import OpenEXR
 import pytest
 
 from command_line import done, refusal, simrig
-from simrig.cli.effect_options import tell_forces_apart
 from simrig.files.images import read_image
 
 pytestmark = pytest.mark.usefixtures("in_empty_folder")
@@ -74,10 +73,10 @@ def test_every_scene_of_an_experiment_is_planned() -> None:
 
 
 def test_the_user_overrides_the_planner() -> None:
-    forced = done("plan", "sphere", *SMALL, "--force", "inter-reflection")
+    forced = done("plan", "sphere", *SMALL, "--enable", "inter-reflection")
     assert {"inter-reflection", "shadowing", "bsdf-sampling"} <= switched_on(forced)
     assert forced["settings"]["integrator"] == "path"
-    without = done("plan", "four_spheres", *SMALL, "--without", "inter-reflection")
+    without = done("plan", "four_spheres", *SMALL, "--disable", "inter-reflection")
     assert without["settings"]["depth"] == 2
     everything = done("plan", "sphere", *SMALL, "--everything")
     assert switched_on(everything) >= {"inter-reflection", "shadowing", "anti-aliasing"}
@@ -89,10 +88,10 @@ def test_the_user_overrides_the_planner() -> None:
     [
         (["plan", "spher"], "did you mean 'sphere'"),
         (["plan", "nothing.xml"], "there is no"),
-        (["plan", "sphere", "--force", "shadow"], "did you mean 'shadowing'"),
-        (["plan", "sphere", "--force", "shadowing", "--without", "shadowing"], "both"),
+        (["plan", "sphere", "--enable", "shadow"], "did you mean 'shadowing'"),
+        (["plan", "sphere", "--enable", "shadowing", "--disable", "shadowing"], "both"),
         (
-            ["plan", "sphere", "--force", "inter-reflection", "--without", "shadowing"],
+            ["plan", "sphere", "--enable", "inter-reflection", "--disable", "shadowing"],
             "without shadowing",
         ),
         (["plan", "sphere", "--tolerance", "dE"], "is no tolerance"),
@@ -117,26 +116,15 @@ def test_a_file_that_is_no_scene_is_refused() -> None:
     assert "cannot build" in refusal("plan", "c.xml")
 
 
-def test_force_means_a_file_alone_and_an_effect_with_one() -> None:
-    assert tell_forces_apart(["--force", "--spp", "4"], False) == ["--force", "--spp", "4"]
-    assert tell_forces_apart(["--force"], False) == ["--force"]
-    assert tell_forces_apart(["--force", "shadowing"], True) == ["--simulate", "shadowing"]
-    assert tell_forces_apart(["--force=shadowing"], True) == ["--simulate=shadowing"]
-    assert tell_forces_apart(["--force", "a.toml"], True) == ["--force", "a.toml"]
-    assert tell_forces_apart(["--force", "noize"], True) == ["--simulate", "noize"]
-    Path("shadowing").touch()
-    assert tell_forces_apart(["--force", "shadowing"], True) == ["--force", "shadowing"]
-
-
 def test_render_keeps_its_plan_and_can_do_without() -> None:
     render = ("render", "--material", "wood01", *SMALL, "--no-png", "--output", "x.exr")
     planned = done(*render, "--tolerance", "dE=2")
     assert planned["spp"] == planned["plan"]["settings"]["spp"]
     kept = json.loads(OpenEXR.File("x.exr").header()["plan"])
     assert kept["effects"] == planned["plan"]["effects"]
-    by_hand = done(*render, "--force", "--spp", "4")
+    by_hand = done(*render, "--overwrite", "--spp", "4")
     assert (by_hand["plan"], by_hand["spp"]) == (None, 4)
-    everything = done(*render, "--force", "--everything", "--tolerance", "dE=2")
+    everything = done(*render, "--overwrite", "--everything", "--tolerance", "dE=2")
     assert everything["integrator"] == "path"
 
 
@@ -166,7 +154,7 @@ def test_any_scene_file_is_rendered_as_planned() -> None:
     assert kept["effects"] == planned["plan"]["effects"]
     by_hand = done("render", "--scene", "scene.xml", "--output", "y.exr", "--integrator", "scene")
     assert (by_hand["plan"], by_hand["spp"], by_hand["integrator"]) == (None, 64, "PathIntegrator")
-    forced = done("render", "--scene", "scene.xml", "--output", "z.exr", "--force", "shadowing")
+    forced = done("render", "--scene", "scene.xml", "--output", "z.exr", "--enable", "shadowing")
     assert "shadowing" in switched_on(forced["plan"])
 
 
@@ -185,7 +173,7 @@ def test_a_scene_file_with_spectra_is_rendered_in_a_spectral_variant() -> None:
     assert "spectral" in switched_on(planned["plan"])
     assert planned["variant"] == planned["plan"]["settings"]["variant"] == "llvm_ad_spectral"
     without = done(
-        *("render", "--scene", "gold.xml", "--output", "y.exr", "--without", "spectral"),
+        *("render", "--scene", "gold.xml", "--output", "y.exr", "--disable", "spectral"),
         *("--tolerance", "dE=4"),
     )
     assert without["variant"] == "llvm_ad_rgb"

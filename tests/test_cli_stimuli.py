@@ -70,7 +70,7 @@ def test_an_interrupted_film_goes_on_with_the_missing_frame(
 def test_a_folder_of_something_else_takes_no_film(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     message = refused("rotation", "bumps", "--output", tmp_path, *SMALL)
-    assert "notes.txt" in message and "--force" in message
+    assert "notes.txt" in message and "--overwrite" in message
 
 
 def test_the_chessboard_comes_with_its_widths(tmp_path: Path) -> None:
@@ -146,5 +146,5 @@ def test_outputs_are_pictures_and_are_not_replaced_unasked(
     assert "ends in .png or .exr" in refused(*command, "--output", tmp_path / "new.jpg")
     path = tmp_path / "old.png"
     path.write_bytes(b"old")
-    assert "--force" in refused(*command, "--output", path)
+    assert "--overwrite" in refused(*command, "--output", path)
     assert path.read_bytes() == b"old"

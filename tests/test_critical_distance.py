@@ -311,5 +311,5 @@ def test_a_map_from_the_command_line(tmp_path: Path, variant_llvm: str) -> None:
     assert found["critical_m"] == {"wood": 2.0, "cloth": 4.0}
     assert found["shares"]["not visible: a BRDF is enough"] == pytest.approx(0.5)
     assert output.stat().st_size > 1000
-    assert "--force" in refusal(*common)
+    assert "--overwrite" in refusal(*common)
     assert ".png" in refusal("distance-map", scene, "--output", tmp_path / "map.exr")

@@ -65,16 +65,16 @@ def test_left_out_bounds_never_exceed_the_tolerance(values: list, allowed: float
 
 
 def test_a_user_decides_first() -> None:
-    assert on([0.0, 9.0, 0.1], 1.0, force=("e0",), without=("e1",)) == [True, False, True]
+    assert on([0.0, 9.0, 0.1], 1.0, enable=("e0",), disable=("e1",)) == [True, False, True]
     assert on([0.0, 0.0], 1.0, everything=True) == [True, True]
-    assert on([0.0, 0.0], 1.0, everything=True, without=("e1",)) == [True, False]
+    assert on([0.0, 0.0], 1.0, everything=True, disable=("e1",)) == [True, False]
 
 
 def test_everything_does_not_switch_on_what_is_absent() -> None:
     made = [Fixed("there", 0.0), Fixed("absent", 0.0, absent=True)]
     decided = decide(made, None, Tolerance("dE", 1.0), Overrides(everything=True))
     assert [d.on for d in decided] == [True, False]
-    forced = decide(made, None, Tolerance("dE", 1.0), Overrides(force=("absent",)))
+    forced = decide(made, None, Tolerance("dE", 1.0), Overrides(enable=("absent",)))
     assert forced[1].on
 
 
@@ -87,8 +87,8 @@ def test_everything_does_not_switch_on_what_is_absent() -> None:
         (lambda: parse_tolerance("dE=-1"), "above 0"),
         (lambda: parse_tolerance("dE=inf"), "finite"),
         (lambda: parse_tolerance("psnt=40"), "did you mean 'psnr'"),
-        (lambda: Overrides(force=("a",), without=("a",)), "both forced and left out"),
-        (lambda: on([0.0], 1.0, force=("e1",)), "did you mean 'e0'"),
+        (lambda: Overrides(enable=("a",), disable=("a",)), "both enabled and disabled"),
+        (lambda: on([0.0], 1.0, enable=("e1",)), "did you mean 'e0'"),
     ],
 )
 def test_bad_input_is_said_in_one_line(call: Any, message: str) -> None:

@@ -221,7 +221,7 @@ def test_examples_run_in_quick_form(name: str, tmp_path: Path) -> None:
         ({"measurement": MeasurementSettings((700,), 10.0, 36.0)}, "intersections"),
         ({"comparison": ComparisonSettings(estimate_samples=10)}, "'estimate_samples'"),
         ({"material": "no such"}, "no such"),
-        ({"rendering": RenderingSettings(force=("shadow",))}, "did you mean 'shadowing'"),
+        ({"rendering": RenderingSettings(enable=("shadow",))}, "did you mean 'shadowing'"),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_is_written(

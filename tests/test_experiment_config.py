@@ -109,15 +109,15 @@ def test_bad_files_are_refused_in_one_line(case: str, tmp_path: Path) -> None:
 
 
 def test_an_effect_cannot_be_both_forced_and_left_out() -> None:
-    with pytest.raises(SimrigError, match="both forced and left out"):
-        RenderingSettings(force=("spectral",), without=("spectral",))
+    with pytest.raises(SimrigError, match="both enabled and disabled"):
+        RenderingSettings(enable=("spectral",), disable=("spectral",))
 
 
 def test_settings_of_rendering_are_read_again_as_they_were(tmp_path: Path) -> None:
     for rendering in (
         RenderingSettings(),
         RenderingSettings(tolerance="none", spp=3),
-        RenderingSettings(tolerance="psnr=40", force=("shadowing",), without=("spectral",)),
+        RenderingSettings(tolerance="psnr=40", enable=("shadowing",), disable=("spectral",)),
     ):
         experiment = replace(demo_experiment(), rendering=rendering)
         path = tmp_path / "experiment.toml"

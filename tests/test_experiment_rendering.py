@@ -43,7 +43,7 @@ def test_noise_that_a_plan_allows_is_no_difference(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("variant_llvm")
 def test_effects_of_an_experiment_can_be_decided(tmp_path: Path) -> None:
-    forced = renderer(tmp_path / "all", RenderingSettings(everything=True, without=("shadowing",)))
+    forced = renderer(tmp_path / "all", RenderingSettings(everything=True, disable=("shadowing",)))
     plan = forced.reference(Lambert())["plan"]
     on = {entry["effect"]: entry["on"] for entry in plan["effects"]}
     assert on["bsdf-sampling"] and not on["shadowing"] and not on["inter-reflection"]

@@ -49,7 +49,7 @@ def check_indirect(scene: Any, label: str) -> tuple[float, float]:
     """Assert that leaving out inter-reflection changes no more than its bound; return both."""
     everything = plan_scene(scene, "dE=0.5", everything=True)
     exposure = everything.about["exposure"]
-    without = plan_scene(scene, "dE=0.5", everything=True, without=["inter-reflection"])
+    without = plan_scene(scene, "dE=0.5", everything=True, disable=["inter-reflection"])
     measured = change(converged(scene, everything, 1), converged(scene, without, 2), exposure)
     allowed = bound_of(everything, "inter-reflection") + noise(scene, everything, exposure)
     assert measured <= allowed * 1.05, f"{label}: measured {measured}, bound and noise {allowed}"
@@ -137,8 +137,8 @@ _MORE_SEEDS = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 1
 def test_bounds_hold_on_random_scenes(seed: int) -> None:
     scene = random_scene(seed)
     check_indirect(scene, f"random scene {seed}")
-    shadows = plan_scene(scene, "dE=0.5", without=["inter-reflection"], force=["shadowing"])
-    none = plan_scene(scene, "dE=0.5", without=["inter-reflection", "shadowing"])
+    shadows = plan_scene(scene, "dE=0.5", disable=["inter-reflection"], enable=["shadowing"])
+    none = plan_scene(scene, "dE=0.5", disable=["inter-reflection", "shadowing"])
     exposure = shadows.about["exposure"]
     measured = change(converged(scene, shadows, 1), converged(scene, none, 2), exposure)
     allowed = bound_of(shadows, "shadowing") + noise(scene, shadows, exposure)
@@ -189,12 +189,12 @@ def test_a_plan_that_cannot_keep_its_tolerance_says_by_how_much(
 
 def test_what_is_left_out_by_request_counts_against_the_tolerance() -> None:
     scene = named("four_spheres", "lambert")
-    plan = plan_scene(scene, "dE=0.5", without=["inter-reflection"])
+    plan = plan_scene(scene, "dE=0.5", disable=["inter-reflection"])
     bound = bound_of(plan, "inter-reflection")
     assert not plan.about["kept"] and plan.about["expected_error"] > bound > 0.5
     assert plan.about["advice"].endswith("without inter-reflection; simulate that to keep it")
     assert plan_lines(plan)[1:] == [plan.about["advice"]]
-    loose = plan_scene(scene, "psnr=15", without=["inter-reflection"])
+    loose = plan_scene(scene, "psnr=15", disable=["inter-reflection"])
     assert loose.about["kept"] and len(plan_lines(loose)) == 1
 
 
@@ -251,9 +251,9 @@ def test_shadows_are_bounded_only_where_paths_do_not_see_them_anyway() -> None:
     ball = {"type": "sphere", "bsdf": {"type": "dielectric"}}
     scene = simple(s=ball, t={"type": "sphere", "center": [0.9, 0.9, 0.9], "radius": 0.3}, e=POINT)
     assert bound_of(plan_scene(scene, "dE=1"), "shadowing") == math.inf
-    alone = plan_scene(scene, "dE=1", without=["inter-reflection"])
+    alone = plan_scene(scene, "dE=1", disable=["inter-reflection"])
     assert 0.0 < bound_of(alone, "shadowing") < math.inf
-    neither = plan_scene(scene, "dE=1", without=["shadowing", "inter-reflection"])
+    neither = plan_scene(scene, "dE=1", disable=["shadowing", "inter-reflection"])
     assert bound_of(neither, "shadowing") == bound_of(alone, "shadowing")
 
 
@@ -278,8 +278,8 @@ def test_area_lights_need_both_samplings() -> None:
 def test_overrides_that_contradict_each_other_are_refused() -> None:
     scene = named("sphere", "wood01")
     with pytest.raises(SimrigError, match="without bsdf-sampling"):
-        plan_scene(scene, "dE=1", force=["inter-reflection"], without=["bsdf-sampling"])
-    plan = plan_scene(scene, "dE=1", everything=True, without=["shadowing"])
+        plan_scene(scene, "dE=1", enable=["inter-reflection"], disable=["bsdf-sampling"])
+    plan = plan_scene(scene, "dE=1", everything=True, disable=["shadowing"])
     assert not plan.on("inter-reflection")
 
 
@@ -287,10 +287,10 @@ def test_what_cannot_be_done_is_refused() -> None:
     area = {"type": "rectangle", "emitter": {"type": "area", "radiance": 3.0}}
     lit = simple(s={"type": "sphere", "center": [0, 0, -3]}, e={"type": "constant"}, light=area)
     with pytest.raises(SimrigError, match="map of this scene cannot be left out"):
-        plan_scene(lit, "dE=1", without=["environment"])
+        plan_scene(lit, "dE=1", disable=["environment"])
     with pytest.raises(SimrigError, match="give a function that builds it"):
-        plan_scene(named("sphere", "wood01"), "dE=1", force=["spectral"])
-    plan = plan_scene(lambda: named("sphere", "wood01"), "dE=2", force=["spectral"])
+        plan_scene(named("sphere", "wood01"), "dE=1", enable=["spectral"])
+    plan = plan_scene(lambda: named("sphere", "wood01"), "dE=2", enable=["spectral"])
     assert plan.settings["variant"] == "llvm_ad_spectral"
 
 

@@ -152,7 +152,7 @@ def test_lobes_narrower_than_the_lights_are_apart_keep_the_map() -> None:
     assert plan.on("environment")
     assert "above the share" in plan.decision("environment").why
     assert "lights" not in plan.settings
-    without = plan_scene(map_scene(material=mirror), "dE=0.5", without=["environment"])
+    without = plan_scene(map_scene(material=mirror), "dE=0.5", disable=["environment"])
     assert without.settings["lights"] == COUNTS[-1]
     assert without.decision("environment").bound.value > 0.25
 
@@ -203,11 +203,11 @@ def test_the_map_stays_with_inter_reflection_and_spectra() -> None:
     plan = plan_scene(near, "dE=0.2")
     assert plan.on("inter-reflection") and plan.on("environment")
     assert plan.decision("environment").why == "comes with inter-reflection"
-    alone = plan_scene(near, "dE=0.2", everything=True, without=["environment"])
+    alone = plan_scene(near, "dE=0.2", everything=True, disable=["environment"])
     assert not alone.on("inter-reflection")
     assert alone.settings["lights"] in COUNTS
     with pytest.raises(SimrigError, match="inter-reflection cannot be simulated without env"):
-        plan_scene(near, "dE=1", force=["inter-reflection"], without=["environment"])
+        plan_scene(near, "dE=1", enable=["inter-reflection"], disable=["environment"])
     gold = {"type": "roughconductor", "material": "Au", "alpha": 0.5}
     assert plan_scene(map_scene(material=gold), "dE=4").on("environment")
 

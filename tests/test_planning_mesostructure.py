@@ -83,8 +83,8 @@ def test_more_tolerance_shows_less_structure() -> None:
 
 def test_what_the_user_decides_counts() -> None:
     scene = rendering.load(floor(btf()))
-    forced = plan_scene(scene, "dE=50", force=["mesostructure"])
-    without = plan_scene(scene, "dE=0.2", without=["mesostructure"])
+    forced = plan_scene(scene, "dE=50", enable=["mesostructure"])
+    without = plan_scene(scene, "dE=0.2", disable=["mesostructure"])
     assert decision(forced).on and "structure_within_mm" not in forced.settings
     assert not decision(without).on
     assert without.settings["structure_within_mm"] == {"floor.bsdf": 0.0}
@@ -118,7 +118,7 @@ def test_other_metrics_are_kept(metric: str) -> None:
 def test_light_between_structures_is_looked_at_as_well() -> None:
     ball = {"type": "sphere", "center": [0, -150, -900], "radius": 120.0, "bsdf": btf(700.0)}
     scene = rendering.load(floor(btf(), ball=ball))
-    plan = plan_scene(scene, "dE=2", force=["inter-reflection"])
+    plan = plan_scene(scene, "dE=2", enable=["inter-reflection"])
     everything = plan_scene(scene, "dE=2", everything=True)
     reference = picture(scene, everything, spp=512)
     assert change(reference, picture(scene, plan, spp=512), plan.about["exposure"]) <= 2.0

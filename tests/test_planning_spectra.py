@@ -29,14 +29,14 @@ def test_spectra_are_transported_and_the_variant_comes_back() -> None:
     assert "cannot be bounded" in why and "'roughconductor'" in why
     assert plan.settings["variant"] == "llvm_ad_spectral"
     assert backend.current() == "llvm_ad_rgb"
-    assert not plan_scene(scene, "dE=2", without=["spectral"]).on("spectral")
+    assert not plan_scene(scene, "dE=2", disable=["spectral"]).on("spectral")
     assert planned_render(scene, plan).variant == "llvm_ad_spectral"
 
 
 def test_without_a_bound_nobody_knows_whether_a_tolerance_is_kept() -> None:
     gold = {"type": "roughconductor", "material": "Au", "alpha": 0.3}
     scene = simple(s={"type": "sphere", "bsdf": gold}, e=POINT)
-    about = plan_scene(scene, "dE=2", without=["spectral"]).about
+    about = plan_scene(scene, "dE=2", disable=["spectral"]).about
     assert about["kept"] is None is about["expected_error"]
     assert "leaving out spectral changes cannot be bounded" in about["advice"]
 
@@ -70,5 +70,5 @@ def test_spectra_that_rgb_cannot_say_are_refused_without_spectral() -> None:
     bsdf = {"type": "diffuse", "reflectance": REGULAR}
     scene = simple(s={"type": "sphere", "bsdf": bsdf}, e=POINT)
     with pytest.raises(SimrigError, match="cannot be rendered in the variant 'llvm_ad_rgb'"):
-        plan_scene(scene, "dE=4", without=["spectral"])
+        plan_scene(scene, "dE=4", disable=["spectral"])
     assert backend.current() == "llvm_ad_rgb"

@@ -163,7 +163,7 @@ def test_an_interrupted_measurement_with_noise_resumes_to_the_same_values(tmp_pa
 def test_the_plan_is_kept_in_the_measurement(tmp_path):
     material, rig = kurt_material("brushed_aluminium"), Gonioreflectometer()
     tolerance = Tolerance("dE", 0.5)
-    overrides = Overrides(force=("noise",), without=("spot-size",))
+    overrides = Overrides(enable=("noise",), disable=("spot-size",))
     plan = plan_rig(
         material, rig, tolerance, placement=PLACEMENT, samples=SAMPLES, overrides=overrides
     )
@@ -186,7 +186,7 @@ def test_everything_and_unknown_names():
     assert plan.settings["effects"] == list(RIG_EFFECT_NAMES)
     assert plan_rig(material, rig, tolerance, samples=700).settings["effects"] == []
     with pytest.raises(SimrigError, match="did you mean 'noise'"):
-        plan_rig(material, rig, tolerance, samples=700, overrides=Overrides(force=("nois",)))
+        plan_rig(material, rig, tolerance, samples=700, overrides=Overrides(enable=("nois",)))
     with pytest.raises(SimrigError, match="did you mean 'noise'"):
         Gonioreflectometer(effects=("nois",))
 

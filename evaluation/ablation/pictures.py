@@ -52,14 +52,14 @@ class Pictures:
         self._rendered = {self.key(self.full): self.everything}
 
     def planned(
-        self, force: Iterable[str] = (), without: Iterable[str] = (), everything: bool = False
+        self, enable: Iterable[str] = (), disable: Iterable[str] = (), everything: bool = False
     ) -> Plan:
         """Return a plan of the scene at the same exposure, with overrides."""
         return plan_scene(
             self.scene,
             self.plan.tolerance,
-            force=force,
-            without=without,
+            enable=enable,
+            disable=disable,
             everything=everything,
             variant=self.plan.settings["variant"],
             exposure=self.exposure,

@@ -179,7 +179,7 @@ def effect_rows(pictures: Pictures, decision: Decision) -> Iterator[Row]:
         return
     yield _left_out(pictures, decision)
     if not decision.on:
-        forced = pictures.planned(force=(decision.effect,))
+        forced = pictures.planned(enable=(decision.effect,))
         if pictures.key(forced) != pictures.key(pictures.plan):
             yield _added(pictures, decision, forced)
 
@@ -204,11 +204,11 @@ def _left_out(pictures: Pictures, decision: Decision) -> Row:
     What cannot be simulated without it is left out of both pictures.
     """
     base = pictures.full
-    without = pictures.planned(everything=True, without=(decision.effect,))
+    without = pictures.planned(everything=True, disable=(decision.effect,))
     along = [name for name in _on(base) if name not in (*_on(without), decision.effect)]
     note = ""
     if along:
-        base = pictures.planned(everything=True, without=along)
+        base = pictures.planned(everything=True, disable=along)
         note = f"both without {', '.join(along)}"
     bound = decision.bound
     if decision.effect == ENVIRONMENT:  # that of as many lights as the picture without it has

@@ -283,7 +283,7 @@ class Experiment(Section):
         """Return the settings as plain values, as they would stand in a TOML file."""
         values = asdict(self)
         values["measurement"]["samples"] = list(self.measurement.samples)
-        for key in ("force", "without"):
+        for key in ("enable", "disable"):
             values["rendering"][key] = list(values["rendering"][key])
         values["scenes"] = [{"name": scene.name, **scene.options} for scene in self.scenes]
         return values

@@ -46,8 +46,8 @@ def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Br
     return plan_scene(
         lambda: experiment_scene(settings, truth),
         wanted.tolerance,
-        force=wanted.force,
-        without=wanted.without,
+        enable=wanted.enable,
+        disable=wanted.disable,
         everything=wanted.everything,
         exposure=wanted.exposure or automatic_exposure,
     )
@@ -56,7 +56,7 @@ def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Br
 def check_plans(config: Experiment) -> None:
     """Raise SimrigError where an experiment decides about effects that there are not."""
     wanted = config.rendering
-    checked_overrides(wanted.force, wanted.without, wanted.everything)
+    checked_overrides(wanted.enable, wanted.disable, wanted.everything)
 
 
 def experiment_scene(settings: SceneSettings, brdf: Brdf) -> dict[str, Any]:

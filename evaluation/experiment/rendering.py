@@ -28,7 +28,7 @@ class RenderingSettings(Section):
     Attributes:
         tolerance: for which each scene is planned (``dE=0.5``, see
             ``simrig.planning``); ``"none"`` renders it by its own integrator.
-        force, without, everything: effects that are decided before the planner.
+        enable, disable, everything: effects that are decided before the planner.
         spp: samples per pixel in place of the planned ones; 16 where nothing is planned.
         exposure: factor before a picture is shown, the same for all pictures of a scene; by
             default what brings the bright parts of the reference near white.
@@ -38,8 +38,8 @@ class RenderingSettings(Section):
     section: ClassVar[str] = "rendering"
 
     tolerance: str = setting(text, DEFAULT_TOLERANCE)
-    force: tuple[str, ...] = setting(names, ())
-    without: tuple[str, ...] = setting(names, ())
+    enable: tuple[str, ...] = setting(names, ())
+    disable: tuple[str, ...] = setting(names, ())
     everything: bool = setting(flag, False)
     spp: int | None = setting(optional(integer(1, 1 << 20), "auto"), None)
     exposure: float | None = setting(optional(number(1e-6, 1e6), "auto"), None)
@@ -49,7 +49,7 @@ class RenderingSettings(Section):
         super().__post_init__()
         if self.planned:
             parse_tolerance(self.tolerance)
-        Overrides(self.force, self.without, self.everything)
+        Overrides(self.enable, self.disable, self.everything)
 
     @property
     def planned(self) -> bool:

@@ -34,7 +34,9 @@ def compare(
     theta_max: Annotated[
         float, typer.Option(help="Largest polar angle of materials, degrees.")
     ] = 80.0,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing picture.")
+    ] = False,
 ) -> frame.Report:
     """Compare two pictures (EXR, HDR, PNG) or two materials by every metric.
 
@@ -43,7 +45,13 @@ def compare(
     pictures = [Path(name).suffix.lower() in _PICTURES for name in (reference, other)]
     if pictures == [True, True]:
         return _pictures(
-            Path(reference), Path(other), difference, difference_scale, exposure, foreground, force
+            Path(reference),
+            Path(other),
+            difference,
+            difference_scale,
+            exposure,
+            foreground,
+            overwrite,
         )
     if any(pictures):
         raise SimrigError("compare two pictures or two materials, not one of each")
@@ -59,7 +67,7 @@ def _pictures(
     scale: float,
     exposure: float,
     foreground: bool,
-    force: bool,
+    overwrite: bool,
 ) -> frame.Report:
     from contextlib import ExitStack
 
@@ -69,7 +77,7 @@ def _pictures(
 
     with ExitStack() as held:
         if difference is not None:
-            held.enter_context(output_file(difference, force))
+            held.enter_context(output_file(difference, overwrite))
         first, second = read_image(reference), read_image(other)
         mask = foreground_mask(first, second) if foreground else None
         result = compare_images(first, second, mask, exposure, scale)

@@ -37,7 +37,7 @@ def converge(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 0,
     variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
-    force: Annotated[bool, typer.Option("--force", help="Add to a folder in use.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Add to a folder in use.")] = False,
 ) -> frame.Report:
     """Render at growing samples per pixel, by several integrators and samplers.
 
@@ -67,7 +67,7 @@ def converge(
             request = {**about, **settings, "resolution": resolution, "variant": chosen}
             folder = None
             if output is not None:
-                folder = held.enter_context(output_folder(output, force, request))
+                folder = held.enter_context(output_folder(output, overwrite, request))
                 ledger = Ledger.kept_in(folder)
             about["variant"] = backend.select(chosen)
             subject, named = named_scene(scene, material, resolution)

@@ -28,7 +28,9 @@ def convert(
     clamp_negative: Annotated[
         bool, typer.Option("--clamp-negative", help="Set negative measured values to 0.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing output.")
+    ] = False,
 ) -> frame.Report:
     """Write a material in another format, and say how well it survived; lists the formats alone.
 
@@ -42,7 +44,7 @@ def convert(
         return _formats()
     if output is None:
         raise SimrigError("name the file to write: simrig convert MATERIAL OUTPUT")
-    with output_file(output, force):
+    with output_file(output, overwrite):
         brdf = load_material(material, clamp_negative)
         saved = save_material(output, brdf, format)
     return frame.Report(

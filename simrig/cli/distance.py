@@ -106,7 +106,9 @@ def distance_map(
         float, typer.Option(help="What one unit of the scene is; a millimetre else.")
     ] = 1e-3,
     spp: Annotated[int, typer.Option(min=1, help="Samples per pixel of the picture.")] = 16,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing map.")
+    ] = False,
 ) -> frame.Report:
     """Draw where in a scene the structure of materials can be seen from the camera."""
     from simrig.cli.scene_argument import scene_file
@@ -119,7 +121,7 @@ def distance_map(
         raise SimrigError(f"'{output}': maps are written as .png")
     path = scene_file(scene)
     asked = assignments("--critical", "NAME=DISTANCE", critical)
-    with output_file(output, force):
+    with output_file(output, overwrite):
         backend.select()
         loaded = load_as_written(path)
         distances = {name: _metres(value) for name, value in asked.items()}

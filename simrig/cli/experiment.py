@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 _Output = Annotated[Path, typer.Option(help="The folder for pictures, data and the report.")]
 _Variant = Annotated[str | None, typer.Option(help="Mitsuba variant, or 'auto'.")]
-_Force = Annotated[
-    bool, typer.Option("--force", help="Add the results to a folder that holds other files.")
+_Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Add the results to a folder that holds other files.")
 ]
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
-    frame.command(app, cls=effect_options.ForcesEffects)(demo)
-    frame.command(app, cls=effect_options.ForcesEffects)(run)
+    frame.command(app)(demo)
+    frame.command(app)(run)
 
 
 def demo(
@@ -33,11 +33,11 @@ def demo(
     ] = None,
     output: _Output = Path("output/demo"),
     tolerance: effect_options.Tolerance = None,
-    simulate: effect_options.Simulate = None,
-    without: effect_options.Without = None,
+    enable: effect_options.Enable = None,
+    disable: effect_options.Disable = None,
     everything: effect_options.Everything = False,
     variant: _Variant = None,
-    force: _Force = False,
+    overwrite: _Overwrite = False,
 ) -> frame.Report:
     """Measure, reconstruct, render and compare one material, and write a report.
 
@@ -48,9 +48,9 @@ def demo(
     from simrig.evaluation.experiment.config import demo_experiment
 
     config = effect_options.experiment_with(
-        demo_experiment(material), tolerance, simulate, without, everything
+        demo_experiment(material), tolerance, enable, disable, everything
     )
-    return _experiment(config, output, variant, force)
+    return _experiment(config, output, variant, overwrite)
 
 
 def run(
@@ -59,11 +59,11 @@ def run(
         Path | None, typer.Option(help="The folder for the results; output/NAME else.")
     ] = None,
     tolerance: effect_options.Tolerance = None,
-    simulate: effect_options.Simulate = None,
-    without: effect_options.Without = None,
+    enable: effect_options.Enable = None,
+    disable: effect_options.Disable = None,
     everything: effect_options.Everything = False,
     variant: _Variant = None,
-    force: _Force = False,
+    overwrite: _Overwrite = False,
 ) -> frame.Report:
     """Run an experiment: as 'demo', with every setting from a TOML file.
 
@@ -72,12 +72,14 @@ def run(
     from simrig.evaluation.experiment.config import Experiment
 
     config = effect_options.experiment_with(
-        Experiment.from_toml(experiment), tolerance, simulate, without, everything
+        Experiment.from_toml(experiment), tolerance, enable, disable, everything
     )
-    return _experiment(config, output or Path("output") / experiment.stem, variant, force)
+    return _experiment(config, output or Path("output") / experiment.stem, variant, overwrite)
 
 
-def _experiment(config: Experiment, output: Path, variant: str | None, force: bool) -> frame.Report:
+def _experiment(
+    config: Experiment, output: Path, variant: str | None, overwrite: bool
+) -> frame.Report:
     from simrig.core import backend
     from simrig.evaluation.experiment.plans import check_plans
     from simrig.evaluation.experiment.run import run_experiment
@@ -87,7 +89,7 @@ def _experiment(config: Experiment, output: Path, variant: str | None, force: bo
     backend.resolve(config.variant)  # refused before anything is measured or written
     check_plans(config)
     with (
-        output_folder(output, force, config.as_dict()) as folder,
+        output_folder(output, overwrite, config.as_dict()) as folder,
         frame.progress(config.title or config.material) as report,
     ):
         results = run_experiment(config, folder, report)

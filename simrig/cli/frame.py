@@ -13,6 +13,7 @@ and everything else to standard error, and turns what goes wrong into an exit co
 from __future__ import annotations
 
 import _thread
+import copy
 import ctypes
 import importlib
 import inspect
@@ -25,10 +26,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
+from typer.models import OptionInfo
 
 from simrig.core.errors import SimrigError, unknown_name
 
@@ -65,8 +67,9 @@ _run = _Run()
 
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object to standard output.")]
 _Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
-_Verbose = Annotated[bool, typer.Option("--verbose", help="Show the traceback of an error.")]
+_Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show the traceback of an error.")]
 _SHARED = {"as_json": _Json, "quiet": _Quiet, "verbose": _Verbose}
+_SHORT = {"output": "-o", "samples": "-n"}  # whatever command has these options
 
 
 class OneLineErrors(TyperGroup):
@@ -85,13 +88,11 @@ class OneLineErrors(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def command(
-    app: typer.Typer, name: str | None = None, cls: type[TyperCommand] = TyperCommand
-) -> Callable[[Callable], Callable]:
+def command(app: typer.Typer, name: str | None = None) -> Callable[[Callable], Callable]:
     """Return a decorator that makes a function returning a ``Report`` a command of ``app``."""
 
     def register(function: Callable[..., Report]) -> Callable[..., Report]:
-        app.command(name, cls=cls)(_framed(function))
+        app.command(name)(_framed(function))
         return function
 
     return register
@@ -116,11 +117,22 @@ def _framed(function: Callable[..., Report]) -> Callable[..., None]:
         inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
         for key, kind in _SHARED.items()
     ]
-    parameters = [*own.parameters.values(), *shared]
+    parameters = [*map(_with_short_name, own.parameters.values()), *shared]
     run.__name__, run.__doc__ = function.__name__, function.__doc__
     run.__annotations__ = {item.name: item.annotation for item in parameters}
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run
+
+
+def _with_short_name(parameter: inspect.Parameter) -> inspect.Parameter:
+    """Return an option with its short name, where it has one and spells out none itself."""
+    short = _SHORT.get(parameter.name)
+    kind, *about = get_args(parameter.annotation) or (None,)
+    if short is None or not about or not isinstance(about[0], OptionInfo) or about[0].param_decls:
+        return parameter
+    named = copy.copy(about[0])
+    named.param_decls = (f"--{parameter.name}", short)
+    return parameter.replace(annotation=Annotated[kind, named])
 
 
 def _with_nearest(message: str) -> str:

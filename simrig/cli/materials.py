@@ -36,7 +36,9 @@ def materials(
     structures: Annotated[
         bool, typer.Option("--structures", help="List the materials with structure.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing picture.")
+    ] = False,
 ) -> frame.Report:
     """List the built-in materials and scenes, or describe one of them or a material file."""
     from simrig.files.load import MATERIALS
@@ -48,7 +50,7 @@ def materials(
     if structures:
         return listing()
     if name in PRESETS and not Path(str(name)).exists():
-        return describe(str(name), picture, force)
+        return describe(str(name), picture, overwrite)
     is_scene = name in SCENES and not Path(str(name)).exists()
     if picture is not None and (name is None or is_scene):
         raise SimrigError("--picture draws one material: name it")
@@ -61,11 +63,11 @@ def materials(
     report = _material(name)
     if picture is None:
         return report
-    drawn = _draw(name, picture, force)
+    drawn = _draw(name, picture, overwrite)
     return frame.Report({**report.data, "picture": str(picture)}, [*report.shown, drawn])
 
 
-def _draw(name: str, path: Path, force: bool) -> str:
+def _draw(name: str, path: Path, overwrite: bool) -> str:
     """Write the BRDF picture of a material, and return what to say about it."""
     import numpy as np
 
@@ -79,7 +81,7 @@ def _draw(name: str, path: Path, force: bool) -> str:
     top = np.degrees(brdf.theta_max)
     image = brdf_picture(brdf, [e for e in THETAS_DEG if e <= top])
     exposure = brdf_exposure(image)
-    with output_file(path, force) as temporary:
+    with output_file(path, overwrite) as temporary:
         if path.suffix == ".exr":
             write_exr(temporary, image, {"material": brdf.name, "unit": "1/sr"})
         else:

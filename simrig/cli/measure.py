@@ -45,7 +45,7 @@ class Interpolation(StrEnum):
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
-    frame.command(app, cls=effect_options.ForcesEffects)(measure)
+    frame.command(app)(measure)
     frame.command(app)(reconstruct)
 
 
@@ -81,14 +81,16 @@ def measure(
     p_1: Annotated[int, typer.Option("--p1", help="Parameter p_1 of algorithm 5.1.")] = 5,
     p_2: Annotated[int, typer.Option("--p2", help="Parameter p_2 of algorithm 5.1.")] = 5,
     tolerance: effect_options.Tolerance = None,
-    simulate: effect_options.Simulate = None,
-    without: effect_options.Without = None,
+    enable: effect_options.Enable = None,
+    disable: effect_options.Disable = None,
     everything: effect_options.Everything = False,
     ideal: Annotated[
         bool, typer.Option(help="A rig without effects: points, exact axes, a perfect sensor.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of noise and errors of the axes.")] = 0,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing output.")
+    ] = False,
 ) -> frame.Report:
     """Measure a material with the virtual gonioreflectometer, adaptively along slices.
 
@@ -113,12 +115,12 @@ def measure(
     if rig == Rig.GANTRY:
         if placed or scheme is not None or theta_max != DEFAULT_THETA_MAX:
             raise SimrigError("a gantry has its own slices: give --samples or --isotropic alone")
-        if tolerance or simulate or without or everything:
+        if tolerance or enable or disable or everything:
             raise SimrigError(
                 "a gantry simulates no effects: leave out the options that choose some"
             )
     wished = 8911 if samples is None else samples
-    if ideal and (tolerance or simulate or without or everything):
+    if ideal and (tolerance or enable or disable or everything):
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
     slice_types = slices.replace("-", "_")
 
@@ -129,10 +131,10 @@ def measure(
     from simrig.rigs.direct.planning import plan_rig, with_plan
 
     allowed = parse_tolerance(tolerance or effect_options.DEFAULT_TOLERANCE)
-    overrides = Overrides(tuple(simulate or ()), tuple(without or ()), everything)
+    overrides = Overrides(tuple(enable or ()), tuple(disable or ()), everything)
     device, plan = Gonioreflectometer(instrument=Instrument(seed=seed)), None
     listed = None if scheme is None else scheme_of(scheme, samples, theta_max)
-    with output_file(output, force):
+    with output_file(output, overwrite):
         brdf = load_material(material)
         if rig == Rig.GANTRY:
             return measure_gantry(brdf, samples, isotropic, output)
@@ -207,7 +209,9 @@ def reconstruct(
     format: Annotated[
         str | None, typer.Option(help="See 'simrig convert --help'; by the ending else.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing output.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing output.")
+    ] = False,
 ) -> frame.Report:
     """Reconstruct the whole BRDF from a measurement: of slices, a scheme or a gantry.
 
@@ -217,7 +221,7 @@ def reconstruct(
     from simrig.files.load import save_material
 
     measured = load_measurement(measurement)
-    with output_file(output, force):
+    with output_file(output, overwrite):
         elapsed = stopwatch()
         made = reconstructed(measured, method, interpolation and str(interpolation), step)
         seconds = elapsed()

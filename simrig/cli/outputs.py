@@ -1,15 +1,15 @@
 """Where results go: nothing half-written under a final name, nothing overwritten by accident.
 
 Files: written beside under a temporary name and renamed; one that exists is refused without
-``--force``.
+``--overwrite``.
 
 Folders: results are made in ``.NAME.partial`` beside the folder, which is then renamed. A folder
 that simrig made, and that holds nothing else, is replaced. Any other folder that is not empty is
-refused; with ``--force`` the results are put into it, over files of the same names, and nothing
+refused; with ``--overwrite`` the results are put into it, over files of the same names, and nothing
 else in it is touched. An interrupted run leaves its partial folder behind, and the same command
 goes on from there.
 
-Both: while one process works on an output, another is refused, ``--force`` or not.
+Both: while one process works on an output, another is refused, ``--overwrite`` or not.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ MARKER = ".simrig.json"
 
 
 @contextmanager
-def output_file(path: Path, force: bool) -> Iterator[Path]:
+def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
     """Hold a path for one result file; the writer writes it atomically.
 
     Raises:
-        SimrigError: the file exists and ``force`` is false, its folder does not exist, or
+        SimrigError: the file exists and ``overwrite`` is false, its folder does not exist, or
             another process is writing it.
     """
-    _check_file(path, force)
+    _check_file(path, overwrite)
     with _locked(path):
-        _check_file(path, force)  # it may have been finished by whoever held the lock
+        _check_file(path, overwrite)  # it may have been finished by whoever held the lock
         yield path
 
 
-def _check_file(path: Path, force: bool) -> None:
+def _check_file(path: Path, overwrite: bool) -> None:
     if path.is_dir():
         raise SimrigError(f"'{path}' is a folder, give --output a file name")
-    if path.exists() and not force:
-        raise SimrigError(f"'{path}' exists: choose another --output, or --force to replace it")
+    if path.exists() and not overwrite:
+        raise SimrigError(f"'{path}' exists: choose another --output, or --overwrite to replace it")
     if not path.absolute().parent.is_dir():
         raise SimrigError(f"cannot write '{path}': the folder '{path.parent}' does not exist")
 
 
 @contextmanager
-def output_folder(path: Path, force: bool, request: Mapping[str, Any]) -> Iterator[Path]:
+def output_folder(path: Path, overwrite: bool, request: Mapping[str, Any]) -> Iterator[Path]:
     """Give a working folder; when the block ends well, its files stand under ``path``.
 
     Args:
         path: the folder the user asked for; its parents are made.
-        force: put the results into a folder that holds other files.
+        overwrite: put the results into a folder that holds other files.
         request: what was asked for. An interrupted run is resumed only by the same request; the
             working folder of another one is emptied first.
 
@@ -67,7 +67,7 @@ def output_folder(path: Path, force: bool, request: Mapping[str, Any]) -> Iterat
         SimrigError: the folder is in use (see this module's docstring).
     """
     path = path.absolute()
-    _check_folder(path, force)
+    _check_folder(path, overwrite)
     path.parent.mkdir(parents=True, exist_ok=True)
     with _locked(path):
         partial = path.with_name(f".{path.name}.partial")
@@ -80,20 +80,20 @@ def output_folder(path: Path, force: bool, request: Mapping[str, Any]) -> Iterat
                 shutil.rmtree(partial, ignore_errors=True)
             raise
         _list_files(partial)
-        _check_folder(path, force)
+        _check_folder(path, overwrite)
         _move(partial, path)
 
 
-def _check_folder(path: Path, force: bool) -> None:
+def _check_folder(path: Path, overwrite: bool) -> None:
     if path.exists() and not path.is_dir():
         raise SimrigError(f"'{path}' is a file, an output folder was expected")
-    if force or not path.is_dir():
+    if overwrite or not path.is_dir():
         return
     foreign = _foreign_files(path)
     if foreign:
         raise SimrigError(
             f"output folder '{path}' is in use: it holds '{foreign[0]}', which simrig did not "
-            "write; choose another --output, or --force to add the results to it"
+            "write; choose another --output, or --overwrite to add the results to it"
         )
 
 
@@ -131,7 +131,7 @@ def _list_files(partial: Path) -> None:
 
 
 def _move(partial: Path, final: Path) -> None:
-    if final.is_dir() and _foreign_files(final):  # only with --force
+    if final.is_dir() and _foreign_files(final):  # only with --overwrite
         for name in _files(partial):
             (final / name).parent.mkdir(parents=True, exist_ok=True)
             (partial / name).replace(final / name)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    frame.command(app, cls=effect_options.ForcesEffects)(plan)
+    frame.command(app)(plan)
 
 
 def plan(
@@ -31,8 +31,8 @@ def plan(
     material: Material = None,
     resolution: Resolution = None,
     tolerance: effect_options.Tolerance = None,
-    simulate: effect_options.Simulate = None,
-    without: effect_options.Without = None,
+    enable: effect_options.Enable = None,
+    disable: effect_options.Disable = None,
     everything: effect_options.Everything = False,
     exposure: Annotated[
         float | None, typer.Option(help="Of the display; what shows the picture well else.")
@@ -53,12 +53,12 @@ def plan(
     if scene.lower().endswith(".toml"):
         if material is not None or resolution is not None or exposure is not None:
             raise SimrigError(f"'{scene}' has its own material, sizes and exposure: give none")
-        return _experiment(scene, variant, tolerance, simulate, without, everything)
+        return _experiment(scene, variant, tolerance, enable, disable, everything)
     backend.select(variant)
     options: dict[str, Any] = {
         "tolerance": tolerance or effect_options.DEFAULT_TOLERANCE,
-        "force": simulate or (),
-        "without": without or (),
+        "enable": enable or (),
+        "disable": disable or (),
         "everything": everything,
         "exposure": exposure,
         "variant": variant,

@@ -19,7 +19,7 @@ _SPP = 64  # where nothing is planned
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    frame.command(app, cls=effect_options.ForcesEffects)(render)
+    frame.command(app)(render)
 
 
 def render(
@@ -37,8 +37,8 @@ def render(
         typer.Option(help="Plugin, or 'scene' for the scene's own; planned else."),
     ] = None,
     tolerance: effect_options.Tolerance = None,
-    simulate: effect_options.Simulate = None,
-    without: effect_options.Without = None,
+    enable: effect_options.Enable = None,
+    disable: effect_options.Disable = None,
     everything: effect_options.Everything = False,
     resolution: Annotated[
         int | None, typer.Option(min=1, max=16384, help="Width of the picture in pixels.")
@@ -58,7 +58,9 @@ def render(
     png: Annotated[bool, typer.Option(help="Also write a PNG beside the EXR.")] = True,
     seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 0,
     variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing picture.")
+    ] = False,
 ) -> frame.Report:
     """Render a material on a scene, or a scene file, to an EXR picture and a PNG to look at.
 
@@ -70,8 +72,8 @@ def render(
     if not 0.0 < exposure < float("inf"):
         raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
     overrides: dict[str, Any] = {
-        "force": simulate or (),
-        "without": without or (),
+        "enable": enable or (),
+        "disable": disable or (),
         "everything": everything,
     }
     by_hand = spp is not None or integrator is not None
@@ -89,7 +91,7 @@ def render(
 
     with ExitStack() as held:
         for path in files:
-            held.enter_context(output_file(path, force))
+            held.enter_context(output_file(path, overwrite))
         variant = backend.select(variant)
         options = {
             "resolution": resolution,

@@ -45,7 +45,7 @@ _Measured = Annotated[
 ]
 _TEXELS, _ALL_DIRECTIONS = 64, "81x81"
 _Seed = Annotated[int, typer.Option(min=0, help="Of the samples.")]
-_Force = Annotated[bool, typer.Option("--force", help="Replace existing output.")]
+_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output.")]
 _Exr = Annotated[bool, typer.Option("--exr", help="Frames as OpenEXR instead of PNG.")]
 
 
@@ -69,12 +69,12 @@ def cylinders(
     directions: _Directions = None,
     measured: _Measured = None,
     seed: _Seed = 0,
-    force: _Force = False,
+    overwrite: _Overwrite = False,
 ) -> frame.Report:
     """Render a material on the receding cylinders: BRDF above, BTF below."""
     _check_suffix(output)
     how = _measured_now(material, texels, directions, measured)
-    with output_file(output, force) as temporary:
+    with output_file(output, overwrite) as temporary:
         stimulus = _stimulus(material, experiment, resolution, spp, rotation, **how)
         with frame.progress("cylinders") as report:
             result = stimulus.picture(seed, report)
@@ -95,7 +95,7 @@ def rotation(
     directions: _Directions = None,
     measured: _Measured = None,
     exr: _Exr = False,
-    force: _Force = False,
+    overwrite: _Overwrite = False,
 ) -> frame.Report:
     """Render the 12 cylinders rotating, 30 frames per second; after Ctrl-C it goes on."""
     from simrig.viewing.stimuli.pictures import FRAMES_PER_SECOND, write_frames
@@ -109,7 +109,7 @@ def rotation(
         **({"changed": Path(material).stat().st_mtime_ns} if Path(material).is_file() else {}),
         "options": [speed, patch, resolution, spp, rotation, texels, directions, exr],
     }
-    with output_folder(output, force, request) as folder:
+    with output_folder(output, overwrite, request) as folder:
         stimulus = _stimulus(material, "B", resolution, spp, rotation, patch, **how)
         with frame.progress("frames") as report:
             made = write_frames(stimulus, folder, count, speed, ".exr" if exr else ".png", report)
@@ -123,7 +123,7 @@ def chessboard(
     experiment: _Experiment = "A",
     resolution: _Resolution = None,
     spp: _Spp = 64,
-    force: _Force = False,
+    overwrite: _Overwrite = False,
 ) -> frame.Report:
     """Render the chessboard for calibration; print every cylinder's width beside the formula."""
     from simrig.core import backend
@@ -132,7 +132,7 @@ def chessboard(
     _check_suffix(output)
     if not 0.0 < square < math.inf:
         raise SimrigError(f"--square is the side of a square in mm above 0, got {square:g}")
-    with output_file(output, force) as temporary:
+    with output_file(output, overwrite) as temporary:
         stimulus = _stimulus(f"chessboard-{square:g}", experiment, resolution, spp, 0.0)
         with frame.progress("chessboard") as report:
             result = stimulus.picture(progress=report)
@@ -166,7 +166,7 @@ def room_command(
     directions: _Directions = None,
     measured: _Measured = None,
     seed: _Seed = 0,
-    force: _Force = False,
+    overwrite: _Overwrite = False,
 ) -> frame.Report:
     """Render the room of chairs (Fig. 3.18); materials that are no files are measured first."""
     from simrig.core import backend
@@ -186,7 +186,7 @@ def room_command(
         raise SimrigError(f"--form {form} has no switch: leave out --distances and --distance")
     listed = named_scheme(directions or _ALL_DIRECTIONS)
     names = assignments("--material", "PART=MATERIAL", material)
-    with output_file(output, force) as temporary:
+    with output_file(output, overwrite) as temporary:
         backend.select()
         with frame.progress("materials") as report:
             materials = room_materials(

@@ -35,7 +35,7 @@ def listing() -> frame.Report:
     )
 
 
-def describe(name: str, picture: Path | None, force: bool) -> frame.Report:
+def describe(name: str, picture: Path | None, overwrite: bool) -> frame.Report:
     """Return what one material with structure is; with ``picture`` also draw it."""
     from simrig.mesostructure import PRESETS, build_tile
 
@@ -52,7 +52,7 @@ def describe(name: str, picture: Path | None, force: bool) -> frame.Report:
     report = frame.Report(about, [frame.table(("property", "value"), rows)])
     if picture is None:
         return report
-    drawn = _draw(tile, picture, force)
+    drawn = _draw(tile, picture, overwrite)
     return frame.Report({**about, "picture": str(picture)}, [*report.shown, drawn])
 
 
@@ -70,7 +70,7 @@ def _sides(size_mm: list[float]) -> str:
     return " × ".join(f"{side:g}" for side in size_mm)
 
 
-def _draw(tile: Any, path: Path, force: bool) -> str:
+def _draw(tile: Any, path: Path, overwrite: bool) -> str:
     """Render several periods of a tile to a file, and return what to say about it."""
     from simrig.core import backend
     from simrig.files.images import write_exr, write_png
@@ -78,7 +78,7 @@ def _draw(tile: Any, path: Path, force: bool) -> str:
     from simrig.scenes.tile import tile_scene
 
     backend.select()
-    with output_file(path, force) as temporary:
+    with output_file(path, overwrite) as temporary:
         image = render(tile_scene(tile, resolution=_PICTURE_PIXELS), spp=_PICTURE_SPP).image
         if path.suffix == ".exr":
             write_exr(temporary, image, {"material": tile.name, "unit": "radiance"})

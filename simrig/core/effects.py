@@ -118,7 +118,7 @@ class Effect(Protocol):
 
     @property
     def name(self) -> str:
-        """The name by which ``--force`` and ``--without`` know it."""
+        """The name by which ``--enable`` and ``--disable`` know it."""
         ...
 
     @property
@@ -252,35 +252,35 @@ class Overrides:
     """What the user decided instead of the planner.
 
     Attributes:
-        force: effects to simulate whatever their bound.
-        without: effects to leave out whatever their bound.
+        enable: effects to simulate whatever their bound.
+        disable: effects to leave out whatever their bound.
         everything: simulate all that is there and not in ``without``.
     """
 
-    force: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
+    enable: tuple[str, ...] = ()
+    disable: tuple[str, ...] = ()
     everything: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "force", tuple(self.force))
-        object.__setattr__(self, "without", tuple(self.without))
-        both = sorted(set(self.force) & set(self.without))
+        object.__setattr__(self, "enable", tuple(self.enable))
+        object.__setattr__(self, "disable", tuple(self.disable))
+        both = sorted(set(self.enable) & set(self.disable))
         if both:
-            raise SimrigError(f"effect '{both[0]}' is both forced and left out: choose one")
+            raise SimrigError(f"effect '{both[0]}' is both enabled and disabled: choose one")
 
     def check(self, known: Iterable[str]) -> None:
         """Raise SimrigError for the name of an effect that is not known."""
         known = list(known)
-        for name in (*self.force, *self.without):
+        for name in (*self.enable, *self.disable):
             if name not in known:
                 raise unknown_name("effect", name, known)
 
     def of(self, effect: str, bound: Bound | None = None) -> tuple[bool, str] | None:
         """Return (on, why) when the user decided about an effect, else None."""
-        if effect in self.without:
-            return False, "left out by request"
-        if effect in self.force:
-            return True, "forced by request"
+        if effect in self.disable:
+            return False, "disabled by request"
+        if effect in self.enable:
+            return True, "enabled by request"
         if self.everything and not (bound is not None and bound.absent):
             return True, "everything was asked for"
         return None

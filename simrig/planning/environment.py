@@ -174,10 +174,10 @@ def check_environment(subject: SceneSubject, overrides: Overrides) -> None:
         SimrigError: it is to be left out, and something else stands in the way or is forced that
             needs it.
     """
-    if ENVIRONMENT not in overrides.without or subject.survey.environment is None:
+    if ENVIRONMENT not in overrides.disable or subject.survey.environment is None:
         return
     for needing in NEED_THE_MAP:
-        if needing in overrides.force:
+        if needing in overrides.enable:
             raise SimrigError(
                 f"{needing} cannot be simulated without {ENVIRONMENT}: leave out both or none"
             )
@@ -190,7 +190,7 @@ def without_map(
     subject: SceneSubject, decisions: tuple[Decision, ...], overrides: Overrides
 ) -> tuple[Decision, ...]:
     """Return the decisions without what needs a map that is left out by request."""
-    if ENVIRONMENT in overrides.without and subject.survey.environment is not None:
+    if ENVIRONMENT in overrides.disable and subject.survey.environment is not None:
         for needing in NEED_THE_MAP:
             if any(d.effect == needing and d.on for d in decisions):
                 why = f"cannot be simulated without {ENVIRONMENT}"

@@ -36,7 +36,7 @@ def expectation(
     if unbounded:
         advice = (
             f"whether {tolerance} is kept is not known: what leaving out {unbounded[0]} changes "
-            f"cannot be bounded; --force {unbounded[0]} would simulate it"
+            f"cannot be bounded; --enable {unbounded[0]} would simulate it"
         )
         return {"expected_error": None, "kept": None, "advice": advice}
     bounds = {d.effect: d.bound.value for d in out if d.bound is not None}

@@ -18,18 +18,18 @@ _NEEDED_BY_PATHS = ("shadowing", "bsdf-sampling")
 
 
 def checked_overrides(
-    force: Iterable[str] = (), without: Iterable[str] = (), everything: bool = False
+    enable: Iterable[str] = (), disable: Iterable[str] = (), everything: bool = False
 ) -> Overrides:
     """Return what the user decided about the effects of a scene.
 
     Raises:
         SimrigError: an unknown effect, or decisions that contradict each other.
     """
-    overrides = Overrides(tuple(force), tuple(without), everything)
+    overrides = Overrides(tuple(enable), tuple(disable), everything)
     overrides.check(EFFECT_NAMES)
-    if "inter-reflection" in overrides.force:
+    if "inter-reflection" in overrides.enable:
         for needed in _NEEDED_BY_PATHS:
-            if needed in overrides.without:
+            if needed in overrides.disable:
                 raise SimrigError(
                     f"inter-reflection cannot be simulated without {needed}: leave out both or none"
                 )
@@ -45,7 +45,7 @@ def check_possible(subject: SceneSubject, overrides: Overrides) -> None:
     check_environment(subject, overrides)
     variant = backend.current()
     if (
-        "spectral" in overrides.force
+        "spectral" in overrides.enable
         and "spectral" not in variant
         and not subject.source.reconstructs
     ):
@@ -59,15 +59,15 @@ def concerning(overrides: Overrides, effects: Iterable[Any]) -> Overrides:
     """Return the overrides that concern some of the effects."""
     names = {effect.name for effect in effects}
     return Overrides(
-        tuple(name for name in overrides.force if name in names),
-        tuple(name for name in overrides.without if name in names),
+        tuple(name for name in overrides.enable if name in names),
+        tuple(name for name in overrides.disable if name in names),
         overrides.everything,
     )
 
 
 def must_follow_paths(subject: SceneSubject, overrides: Overrides) -> bool:
     """Return whether inter-reflection is simulated whatever the other bounds are."""
-    left_out = any(name in overrides.without for name in ("inter-reflection", *_NEEDED_BY_PATHS))
+    left_out = any(name in overrides.disable for name in ("inter-reflection", *_NEEDED_BY_PATHS))
     return bool(subject.survey.unknown) and not left_out
 
 
@@ -76,7 +76,7 @@ def with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[D
     on = {decision.effect: decision.on for decision in decisions}
     if not on["inter-reflection"]:
         return decisions
-    missing = [name for name in _NEEDED_BY_PATHS if name in overrides.without]
+    missing = [name for name in _NEEDED_BY_PATHS if name in overrides.disable]
     changed = []
     for decision in decisions:
         if missing and decision.effect == "inter-reflection":

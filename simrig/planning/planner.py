@@ -50,8 +50,8 @@ LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
 def plan_scene(
     scene: Any,
     tolerance: Tolerance | str,
-    force: Iterable[str] = (),
-    without: Iterable[str] = (),
+    enable: Iterable[str] = (),
+    disable: Iterable[str] = (),
     everything: bool = False,
     variant: str = "auto",
     exposure: float | Callable[[np.ndarray], float] | None = None,
@@ -62,7 +62,7 @@ def plan_scene(
         scene: a Mitsuba dictionary, a loaded scene, the path of an XML file, or a function that
             returns one of the first two for the current variant.
         tolerance: how far the picture may be from the converged one with every effect.
-        force, without, everything: effects that the user decides about, see
+        enable, disable, everything: effects that the user decides about, see
             ``simrig.core.effects.Overrides``.
         variant: in which the picture will be rendered; spectral ones replace it where the scene
             calls for them.
@@ -80,7 +80,7 @@ def plan_scene(
             tolerance, or overrides that contradict each other.
     """
     tolerance = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
-    overrides = checked_overrides(force, without, everything)
+    overrides = checked_overrides(enable, disable, everything)
     source = scene_source_in(scene, variant)
     first_variant = backend.current()
     if first_variant.startswith("scalar"):

@@ -171,7 +171,7 @@ def planned_distances_mm(scene: Room, tolerance: str) -> dict[str, float]:
     bsdfs = {part: scene.bsdf(part, "btf") for part in ROOM_PARTS}
     loaded = load(room(bsdfs, scene.resolution))
     allowed = parse_tolerance(tolerance).times(1.0 / LEFT_OUT_SHARE)
-    plan = plan_scene(loaded, allowed, force=["shadowing"], without=["inter-reflection"])
+    plan = plan_scene(loaded, allowed, enable=["shadowing"], disable=["inter-reflection"])
     within = plan.settings.get("structure_within_mm", {})
     materials = structured_materials(loaded)
     planned = {materials[name]: distance for name, distance in within.items()}

@@ -13,7 +13,7 @@ from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
 
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
-Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
 
 
 def info(file: _File) -> frame.Report:
@@ -38,7 +38,7 @@ def convert(
     with_cosine: Annotated[
         bool, typer.Option("--with-cosine", help="Of a folder: it holds f_r times cos theta_i.")
     ] = False,
-    force: Force = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Turn a BTF file into a folder of OpenEXR pictures, or a folder of pictures into a file.
 
@@ -57,7 +57,7 @@ def convert(
         stack = read_btf(source)
         request = {"btf": source, "changed": source.stat().st_mtime_ns}
         with (
-            output_folder(output, force, request) as folder,
+            output_folder(output, overwrite, request) as folder,
             frame.progress(f"writing {output.name}") as report,
         ):
             written = write_btf_images(folder, stack, replace=True, progress=report)
@@ -67,7 +67,7 @@ def convert(
         )
     values = PixelValues(colour or "auto", 1.0 if factor is None else factor, with_cosine)
     size = recorded_size(source) if size_mm is None else _sides(size_mm)
-    with output_file(output, force):
+    with output_file(output, overwrite):
         frame.on_interrupt(f"the same command goes on from '{output}.part'")
         with frame.progress(f"reading {source.name}") as report:
             stack = import_btf(source, output, size, values, progress=report)
@@ -77,7 +77,7 @@ def convert(
 def fill(
     file: _File,
     output: Annotated[Path, typer.Argument(help="The BTF with all images (.h5).")],
-    force: Force = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Blend the images that a BTF lacks from their neighbours, and say which they are.
 
@@ -87,7 +87,7 @@ def fill(
     from simrig.files.btf.hdf5 import read_btf
 
     stack = read_btf(file)
-    with output_file(output, force), frame.progress(f"{file.name}; images") as report:
+    with output_file(output, overwrite), frame.progress(f"{file.name}; images") as report:
         filled = write_filled(output, stack, progress=report)
     return frame.Report(
         {**described(output), "filled": filled},
@@ -101,7 +101,7 @@ def average(
     format: Annotated[
         str | None, typer.Option(help="See 'simrig convert'; by the ending else.")
     ] = None,
-    force: Force = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Average a BTF over its texels: the BRDF that 'render' and 'compare' take."""
     from simrig.btf.average import average_brdf
@@ -109,7 +109,7 @@ def average(
     from simrig.files.load import save_material
 
     stack = read_btf(file)
-    with output_file(output, force):
+    with output_file(output, overwrite):
         brdf = average_brdf(stack)
         saved = save_material(output, brdf, format)
     return frame.Report(
@@ -129,14 +129,14 @@ def from_slices(
     measured: Annotated[Path, typer.Argument(help="A BTF with the gantry's 168 images (.h5).")],
     output: Annotated[Path, typer.Argument(help="The BTF of 81 × 81 directions (.h5).")],
     method: Annotated[str, typer.Option(help="Of the gantry: a, b or bd.")] = "b",
-    force: Force = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Rebuild a BTF of 6,561 images from the 168 of a gantry, texel by texel."""
     from simrig.files.btf.hdf5 import read_btf, write_btf
     from simrig.reconstruction.gantry.btf import reconstruct_btf
 
     elapsed = stopwatch()
-    with output_file(output, force):
+    with output_file(output, overwrite):
         with frame.progress(f"{measured.name}, method {method.upper()}; texels") as report:
             stack = reconstruct_btf(read_btf(measured), method, progress=report)
         write_btf(output, stack)

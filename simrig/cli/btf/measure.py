@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from simrig.cli import frame
-from simrig.cli.btf.files import Force, average, convert, described, fill, from_slices, info, mega
+from simrig.cli.btf.files import (
+    Overwrite,
+    average,
+    convert,
+    described,
+    fill,
+    from_slices,
+    info,
+    mega,
+)
 from simrig.cli.effect_options import plan_table
 from simrig.cli.outputs import output_file
 from simrig.cli.schemes import named_scheme
@@ -64,7 +73,7 @@ def measure(
     single: Annotated[
         bool, typer.Option("--single", help="Store float32 in place of float16.")
     ] = False,
-    force: Force = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Measure the BTF of a material with structure: one registered image per pair of directions.
 
@@ -106,7 +115,7 @@ def measure(
     size = stack_bytes(len(angles), shape, dtype)
     _check_room(output, size)
     elapsed, plan = stopwatch(), None
-    with output_file(output, force):
+    with output_file(output, overwrite):
         frame.on_interrupt(f"the same command goes on from '{output}.part'")
         variant = backend.select("auto")
         if fixed is None:
