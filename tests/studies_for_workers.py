@@ -20,6 +20,8 @@ def run_cell(config: Mapping[str, Any], cell: Mapping[str, Any]) -> list[dict[st
     """Square a number; die, hang or fail over the numbers that the configuration names."""
     number = cell["number"]
     time.sleep(config.get("seconds", 0.0))
+    while number >= config.get("waits_from", number + 1) and not Path(config["gate"]).exists():
+        time.sleep(0.01)
     if number == config.get("die_at"):
         os.kill(os.getpid(), signal.SIGKILL)
     if number == config.get("die_once_at"):

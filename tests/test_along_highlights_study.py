@@ -16,8 +16,6 @@ def found(tmp_path_factory):
 def test_rows_hold_both_methods_on_the_same_samples(found):
     flat = [row for row in found.rows if row["kind"] == "subspace"]
     assert [row["samples"] for row in flat] == [48] * 3 + [96] * 3
-    for row in flat:
-        assert row["gain"] == pytest.approx(row["along_highlights"] - row["former"])
     (whole,) = (row for row in found.rows if row["kind"] == "whole")
     assert whole["samples"] == 1200 and whole["along_highlights"] < 0.8 * whole["former"]
     assert whole["gain"] > 0.0

@@ -51,9 +51,10 @@ def test_the_quick_preset_of_table_5_3_gives_rows_with_their_cost(tmp_path):
     assert {row["material"] for row in summary["rescaled_rows"]} == {"wood01_rescaled"}
     assert found.rows == summary["rows"] + summary["rescaled_rows"]
     for row in found.rows:
-        assert row["ratio"] == pytest.approx(row["ours"] / row["published"])
         assert row["samples"] in (8911, 18721) and row["hardware_hours"] > 24
         assert row["ours_one_pole"] < 1.2 * row["ours"]
+    for row in summary["rescaled_rows"]:
+        assert row["ours"] == pytest.approx(row["published"], rel=0.11, abs=0.07)
     assert_page_shows(load_results(study, tmp_path), tmp_path, "rescaled", "18,721 samples, 51 h")
 
 
@@ -67,11 +68,23 @@ def assert_page_shows(results: StudyResults, folder: Path, *texts: str) -> None:
 
 @pytest.mark.slow
 def test_table_5_3_is_reproduced(tmp_path):
-    config = {**table_5_3.PRESETS["full"], "materials": [*ONE_LOBE, *RESCALED_MATERIALS]}
+    """One-lobe materials as printed; of two-lobe ones one factor each was fitted to this table.
+
+    Four entries of a material with one factor leave three that could disagree.
+    """
+    config = {**table_5_3.PRESETS["full"], "materials": [*KURT_MATERIALS, *RESCALED_MATERIALS]}
     rows = run_study(table_5_3.STUDY, config, tmp_path).rows
-    assert len(rows) == 40
+    by_material = {name: [r for r in rows if r["material"] == name] for name in config["materials"]}
     # one printed digit is 0.1; brushed aluminium and yellow satin stay off by up to a tenth
-    for row in rows:
-        assert row["ours"] == pytest.approx(row["published"], rel=0.11, abs=0.07)
-    printed = [round(row["ours"], 1) == row["published"] for row in rows]
-    assert sum(printed) >= 25
+    for name in (*ONE_LOBE, *RESCALED_MATERIALS):
+        for row in by_material[name]:
+            assert row["ours"] == pytest.approx(row["published"], rel=0.11, abs=0.07)
+
+    def agreeing(names):
+        own = [row for name in names for row in by_material[name]]
+        return sum(round(row["ours"], 1) == row["published"] for row in own), len(own)
+
+    as_printed, count = agreeing(KURT_MATERIALS)  # nothing here is fitted
+    assert count == 40 and as_printed >= 17
+    fitted, count = agreeing((*ONE_LOBE, *RESCALED_MATERIALS))
+    assert count == 40 and fitted >= 25

@@ -125,10 +125,11 @@ def _result(future: Any, cell: Cell, scheduler: str | None) -> Finished:
     from concurrent.futures import CancelledError
 
     from distributed import KilledWorker
+    from distributed.comm import CommClosedError
 
     try:
         return future.result()
-    except CancelledError:
+    except (CancelledError, CommClosedError):  # lost before, or while a result was on its way
         where = f" at '{scheduler}'" if scheduler else ""
         raise SimrigError(
             f"the Dask scheduler{where} was lost; finished cells are kept: run the same again"
