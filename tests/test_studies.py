@@ -53,8 +53,6 @@ def test_the_quick_preset_of_table_5_3_gives_rows_with_their_cost(tmp_path):
     for row in found.rows:
         assert row["samples"] in (8911, 18721) and row["hardware_hours"] > 24
         assert row["ours_one_pole"] < 1.2 * row["ours"]
-    for row in summary["rescaled_rows"]:
-        assert row["ours"] == pytest.approx(row["published"], rel=0.11, abs=0.07)
     assert_page_shows(load_results(study, tmp_path), tmp_path, "rescaled", "18,721 samples, 51 h")
 
 
