@@ -153,7 +153,7 @@ def test_an_interrupted_measurement_with_noise_resumes_to_the_same_values(tmp_pa
         rig.measure(material, PLACEMENT, SAMPLES, checkpoint=checkpoint, progress=interrupt)
     assert checkpoint.exists()
     other = replace(rig, instrument=replace(HARSH, seed=1))
-    with pytest.raises(SimrigError, match="belongs to another measurement"):
+    with pytest.raises(SimrigError, match="unfinished part of another job, with instrument"):
         other.measure(material, PLACEMENT, SAMPLES, checkpoint=checkpoint)
     resumed = rig.measure(material, PLACEMENT, SAMPLES, checkpoint=checkpoint)
     assert np.array_equal(resumed.values, whole.values)

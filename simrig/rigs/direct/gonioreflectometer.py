@@ -20,7 +20,8 @@ from simrig.plans.placement import SlicePlacement, SubspacePlacement
 from simrig.rigs.direct.effects import check_effects
 from simrig.rigs.direct.recording import at, record
 from simrig.rigs.measurements.directions import DirectionsMeasurement
-from simrig.rigs.measurements.slices import Measurement, ReplayLog, fingerprint
+from simrig.rigs.measurements.replay import ReplayLog
+from simrig.rigs.measurements.slices import Measurement, fingerprint
 from simrig.rigs.timing import UTIA_TIMING, GonioreflectometerTiming
 
 REACH_TOLERANCE = 1e-6  # radians; files often hold angles as float32
@@ -105,7 +106,7 @@ class Gonioreflectometer:
             samples: number of distinct direction pairs.
             slice_types: ``"all"`` or ``"axial_diagonal"``.
             k, p_1, p_2: parameters of thesis algorithm 5.1.
-            checkpoint: file that keeps what was measured so far; an interrupted measurement
+            checkpoint: folder that keeps what was measured so far; an interrupted measurement
                 resumes from it with the same result, and it is removed at the end.
             progress: called with the number of samples done and in total.
 
@@ -251,7 +252,7 @@ class Gonioreflectometer:
             brdf: the material.
             angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
             plan: what the provenance calls the list.
-            checkpoint: file that keeps what was measured so far, as in ``measure``.
+            checkpoint: folder that keeps what was measured so far, as in ``measure``.
             progress: called with the number of samples done and in total.
 
         Raises:
@@ -270,8 +271,7 @@ class Gonioreflectometer:
         log = ReplayLog(checkpoint, setting)
         take = self._taker(brdf, log, total, progress)
         elapsed = stopwatch()
-        # every save writes all that was measured so far: at most fifty of them
-        chunk = max(512, total // 50) if checkpoint or progress else total
+        chunk = max(512, total // 50) if checkpoint or progress else total  # fifty files, or fewer
         values = log.measure(angles, take, chunk)
         seconds = elapsed()
         log.remove()

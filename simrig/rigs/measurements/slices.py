@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from simrig.plans.placement import SlicePlacement
 from simrig.plans.slices import SLICE_TYPES, build_slices
 from simrig.rigs.measurements.stored import StoredSamples, read_samples, write_samples
 
-_MEASUREMENT, _CHECKPOINT = "measurement", "unfinished measurement"
+_MEASUREMENT = "measurement"
 
 
 @dataclass(frozen=True)
@@ -136,77 +135,6 @@ def _check(measurement: Measurement, path: str | Path) -> None:
         raise SimrigError(f"'{path}' is damaged: positions along a slice do not ascend")
     if not np.all(np.isfinite(samples.values)) or samples.values.min() < 0.0:
         raise SimrigError(f"'{path}' holds negative, infinite or NaN values of f_r")
-
-
-class ReplayLog:
-    """A checkpoint: every value measured so far, in the order in which it was asked for.
-
-    Adaptive sampling asks for the same directions again when it is given the same values, so a
-    resumed measurement replays the log and goes on where it ends, with the same result as an
-    uninterrupted one.
-
-    Args:
-        path: checkpoint file, or None to keep nothing.
-        setting: plain values that identify the measurement; a checkpoint with others is refused.
-    """
-
-    def __init__(self, path: Path | None, setting: Mapping[str, Any]):
-        self._path, self._setting = path, json.dumps(dict(setting), sort_keys=True)
-        self._angles, self._values = np.empty((0, 4)), np.empty((0, 3))
-        self._position = 0
-        if path is not None and path.exists():
-            with hdf5.open_checked(path, _CHECKPOINT) as file:
-                if file.attrs.get("setting") != self._setting:
-                    raise SimrigError(
-                        f"the checkpoint '{path}' belongs to another measurement: delete it or "
-                        "choose another output"
-                    )
-                self._angles = hdf5.read_array(file, "angles", (None, 4))
-                self._values = hdf5.read_array(file, "values", (len(self._angles), 3))
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def measure(
-        self, angles: np.ndarray, take: Callable[[np.ndarray], np.ndarray], chunk: int = 512
-    ) -> np.ndarray:
-        """Return values for directions, from the log where it has them, else measured.
-
-        Args:
-            angles: (m, 4) directions in the order of the plan.
-            take: measures directions, (m, 4) to (m, 3).
-            chunk: samples measured between two saves.
-
-        Raises:
-            SimrigError: the log holds other directions than these.
-        """
-        known = self._values[self._position : self._position + len(angles)]
-        start = self._position
-        if not np.array_equal(self._angles[start : start + len(known)], angles[: len(known)]):
-            raise SimrigError(
-                f"the checkpoint '{self._path}' was made by another version of simrig: delete it"
-            )
-        self._position += len(angles)
-        for first in range(len(known), len(angles), max(chunk, 1)):
-            part = angles[first : first + chunk]
-            values = take(part)
-            self._angles = np.concatenate([self._angles, part])
-            self._values = np.concatenate([self._values, values])
-            self.save()
-        return self._values[start : start + len(angles)]
-
-    def save(self) -> None:
-        """Write the log, so that nothing measured is lost when the process is killed."""
-        if self._path is not None:
-            with hdf5.create(self._path, _CHECKPOINT) as file:
-                file.attrs["setting"] = self._setting
-                hdf5.write_array(file, "angles", self._angles, "radian")
-                hdf5.write_array(file, "values", self._values, "1/sr")
-
-    def remove(self) -> None:
-        """Delete the checkpoint once the measurement is complete."""
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)
 
 
 def fingerprint(brdf: Brdf) -> str:
