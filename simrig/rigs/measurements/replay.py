@@ -62,7 +62,7 @@ class ReplayLog:
             values = np.asarray(take(angles), dtype=np.float64)
             self._kept.put(name, arrays={"angles": angles, "values": values})
             return values
-        if not np.array_equal(piece.arrays.get("angles"), angles):
+        if not np.array_equal(piece.arrays["angles"], angles):
             raise SimrigError(
                 f"'{self._kept.folder}' was made by another version of simrig: remove it to "
                 "measure anew"
