@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -12,6 +13,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.metrics.angular_grid import CHANNELS, AngularGrid, grid_sums
 from simrig.evaluation.metrics.mre import RelativeError, relative_error
+from simrig.files.pictures import as_image
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ class Comparison:
     Attributes:
         exposure: of the display on which the images are shown.
         pixels: how many pixels count.
+        negative: pixels of the reference and of the image with a negative channel, which counts
+            as 0.
         difference_scale: s of the difference image 255 − s·|I1 − I2|.
         maps: the same per pixel.
     """
@@ -96,15 +100,17 @@ class Comparison:
     hdr_flip: float
     exposure: float
     pixels: int
+    negative: tuple[int, int]
     difference_scale: float
     maps: ComparisonMaps = field(repr=False, compare=False)
 
-    def to_dict(self) -> dict[str, float | int | None]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the numbers for JSON; an infinite PSNR (identical images) becomes None."""
         numbers = {name: finite(getattr(self, name)) for name in IMAGE_METRICS}
-        settings = {
+        settings: dict[str, Any] = {
             "exposure": self.exposure,
             "pixels": self.pixels,
+            "negative_pixels": {"reference": self.negative[0], "image": self.negative[1]},
             "difference_scale": self.difference_scale,
         }
         return numbers | settings
@@ -113,7 +119,12 @@ class Comparison:
         """Return the numbers as a table for the terminal."""
         values = {name: getattr(self, name) for name in IMAGE_METRICS}
         caption = f"{self.pixels:,} pixels, exposure {self.exposure:g}"
-        return metric_table({"value": values}, IMAGE_METRICS, title, caption)
+        table = metric_table({"value": values}, IMAGE_METRICS, title, caption)
+        if any(self.negative):
+            count = " / ".join(f"{n:,}" for n in self.negative)
+            about = "in the reference / the image; their negative channels count as 0"
+            table.add_row("negative pixels", count, "", "", about)
+        return table
 
 
 @dataclass(frozen=True)
@@ -195,7 +206,8 @@ def compare_images(
     """Compare an image with its reference by every metric.
 
     Args:
-        reference, image: linear RGB >= 0, shape (height, width, 3), at least 11 × 11 pixels.
+        reference, image: linear RGB, shape (height, width, 3), at least 11 × 11 pixels. Negative
+            values (ringing of a filter, colours outside the gamut) are counted and set to 0.
         mask: pixels that count, shape (height, width); all by default. On a black background
             ``metrics.foreground_mask(reference, image)`` is usually what is meant.
         exposure: factor to the linear values before they are shown; above 1 they clip.
@@ -204,7 +216,13 @@ def compare_images(
     Raises:
         SimrigError: for images that cannot be compared, see ``metrics.check_pair``.
     """
-    reference, image, counted = metrics.check_pair(reference, image, mask)
+    given = [
+        as_image(values, what)
+        for values, what in ((reference, "the reference"), (image, "the image"))
+    ]
+    below = [int((values < 0.0).any(axis=2).sum()) for values in given]
+    first, second = (np.maximum(values, 0.0) for values in given)
+    reference, image, counted = metrics.check_pair(first, second, mask)
     maps = ComparisonMaps(
         delta_e=metrics.delta_e_map(reference, image, exposure),
         ssim=metrics.ssim_map(reference, image, exposure),
@@ -226,6 +244,7 @@ def compare_images(
         hdr_flip=float(hdr_flip[counted].mean()),
         exposure=exposure,
         pixels=int(counted.sum()),
+        negative=(below[0], below[1]),
         difference_scale=difference_scale,
         maps=maps,
     )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
+import OpenEXR
 import pytest
 
 from simrig.btf.stack import BtfStack
@@ -56,13 +58,14 @@ def test_all_names_of_81_by_81_differ_and_are_understood(tmp_path) -> None:
         np.testing.assert_allclose(found, angles[::40], atol=1e-12)
 
 
-def test_utia_pictures_are_xyz(tmp_path) -> None:
+def test_xyz_stored_as_rgb_is_stated(tmp_path) -> None:
     red = np.array([0.4124, 0.2126, 0.0193], dtype=np.float32)
     for number, angles in enumerate(np.radians([[0.0, 0.0, 0, 0], [60.0, 15.0, 90.0, 0.0]])):
         path = path_of(tmp_path / "in", UTIA, number, angles)
         write_exr(path, np.broadcast_to(red * 0.5, (2, 3, 3)))
     size = (1.0, 1.0)
-    stack = import_btf(tmp_path / "in", tmp_path / "x.h5", size, dtype=np.float32)
+    values = PixelValues("xyz")
+    stack = import_btf(tmp_path / "in", tmp_path / "x.h5", size, values, dtype=np.float32)
     expected = np.broadcast_to([0.5, 0.0, 0.0], stack.values.shape)
     # the four digits of the matrix that made the picture are not those of the one that reads it
     np.testing.assert_allclose(stack.values[()], expected, atol=5e-5)
@@ -90,8 +93,70 @@ def test_bad_folders_are_refused(tmp_path) -> None:
     (tmp_path / "picture.exr").touch()
     with pytest.raises(SimrigError, match="named by its angles"):
         find_btf_images(tmp_path)
+    (tmp_path / "picture.exr").unlink()
     for number, size in enumerate((2, 3)):
         path = path_of(tmp_path, UTIA, number, np.radians([15.0 * number, 0.0, 0.0, 0.0]))
         write_exr(path, np.ones((size, 2, 3)))
     with pytest.raises(SimrigError, match=r"tl015_pl000_tv000_pv000\.exr' has 3 × 2 pixels"):
         import_btf(tmp_path, tmp_path / "x.h5", (1.0, 1.0))
+
+
+DECIMAL = "tl{tl:g}_pl{pl:.1f}_tv{tv:g}_pv{pv:.1f}.png"
+SEVEN = [(0.0, 0.0)] + [(52.5, p) for p in range(0, 360, 60)]
+
+
+def seven_by_seven(folder: Path, pattern: str) -> None:
+    folder.mkdir()
+    for tl, pl in SEVEN:
+        for tv, pv in SEVEN:
+            values = np.full((4, 5, 3), 128, np.uint8)
+            write_png(folder / pattern.format(tl=tl, pl=float(pl), tv=tv, pv=float(pv)), values)
+
+
+def test_decimal_angles_are_understood(tmp_path) -> None:
+    seven_by_seven(tmp_path / "in", DECIMAL)
+    paths, angles = find_btf_images(tmp_path / "in")
+    assert len(paths) == 49
+    assert set(np.round(np.degrees(angles[:, 0]), 6)) == {0.0, 52.5}
+
+
+def test_zip_archives_are_read(tmp_path) -> None:
+    seven_by_seven(tmp_path / "in", DECIMAL)
+    with zipfile.ZipFile(tmp_path / "in.zip", "w") as archive:
+        for path in (tmp_path / "in").iterdir():
+            archive.write(path, f"some/where/{path.name}")
+        archive.writestr("readme.txt", "no picture")
+    folder = import_btf(tmp_path / "in", tmp_path / "a.h5", (1.0, 1.0))
+    packed = import_btf(tmp_path / "in.zip", tmp_path / "b.h5", (1.0, 1.0))
+    np.testing.assert_array_equal(folder.values[()], packed.values[()])
+    assert packed.provenance["skipped"] == "1 files that are no pictures left out: readme.txt"
+    content = (tmp_path / "in.zip").read_bytes()
+    (tmp_path / "in.zip").write_bytes(content[: len(content) // 2])
+    with pytest.raises(SimrigError, match="neither a folder of pictures nor a zip"):
+        import_btf(tmp_path / "in.zip", tmp_path / "c.h5", (1.0, 1.0))
+
+
+@pytest.mark.parametrize("stray", ["preview.png", "tl0_pl0_tv0.tif", "tlX_pl0_tv0_pv0.exr"])
+def test_pictures_are_not_left_out_in_silence(tmp_path, stray) -> None:
+    seven_by_seven(tmp_path / "in", DECIMAL)
+    (tmp_path / "in" / stray).write_bytes(b"II*\0")
+    with pytest.raises(SimrigError, match=f"1 pictures that are not named.*'{stray}'"):
+        find_btf_images(tmp_path / "in")
+
+
+def test_channels_say_whether_they_are_rgb_or_xyz(tmp_path) -> None:
+    """Radiance HDR and OpenEXR: RGB by their names, XYZ by their names or header."""
+    rgb, red = np.float32([0.3, 0.2, 0.1]), np.float32([0.4124, 0.2126, 0.0193])
+    pictures = {
+        "rgb": {c: np.full((2, 3), v, np.float32) for c, v in zip("RGB", rgb, strict=True)},
+        "xyz": {c: np.full((2, 3), v, np.float32) for c, v in zip("XYZ", red, strict=True)},
+    }
+    for name, channels in pictures.items():
+        (tmp_path / name).mkdir()
+        for tl in (0, 15):
+            path = tmp_path / name / f"tl{tl:03d}_pl000_tv000_pv000.exr"
+            OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(path))
+        stack = import_btf(tmp_path / name, tmp_path / f"{name}.h5", (1.0, 1.0), dtype=np.float32)
+        expected = rgb if name == "rgb" else [1.0, 0.0, 0.0]
+        np.testing.assert_allclose(stack.values[0, 0, 0], expected, atol=1e-4)
+    assert stack.provenance["read"] == ["CIE XYZ to RGB"]

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from simrig.brdf import Kurt, Lambert, Ward, kurt_material
+from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import IsotropicTable
 from simrig.brdf.tables.rgl import RglBrdf
 from simrig.btf.synthetic import bumps
 from simrig.core.errors import SimrigError
-from simrig.files import hdf5, load
+from simrig.files import formats, hdf5
 from simrig.files.btf.hdf5 import write_btf
 from simrig.files.load import FORMATS, MATERIALS, file_format, load_material, save_material
 from simrig.files.rgl.writer import RglResolution
@@ -49,6 +50,12 @@ def test_missing_files_are_not_names(tmp_path):
 @pytest.mark.parametrize(
     "format,kind",
     [
+        ("astm", DenseTable),
+        ("bird", DenseTable),
+        ("klems", BarycentricBrdf),
+        ("tensor-tree", DenseTable),
+        ("npz", DenseTable),
+        ("mat", DenseTable),
         ("hdf5", Kurt),
         ("merl", IsotropicTable),
         ("utia", DenseTable),
@@ -67,12 +74,12 @@ def test_written_formats_are_recognised_by_content(tmp_path, format, kind):
 
 
 def test_every_writable_format_has_a_writer_and_a_reader():
-    assert {f.name for f in FORMATS.values() if f.writes} == set(load._WRITERS)
-    assert set(FORMATS) == set(load._READERS)
+    assert {f.name for f in FORMATS.values() if f.writes} == set(formats.WRITERS)
+    assert set(FORMATS) == set(formats.READERS)
 
 
 def test_format_comes_from_the_ending(tmp_path):
-    for name, (_, options) in load._WRITERS.items():
+    for name, (_, options) in formats.WRITERS.items():
         path = tmp_path / f"x{FORMATS[name].suffixes[0]}"
         given = {key: value for key, value in COARSE.get(name, {}).items() if key in options}
         assert save_material(path, Lambert(), **given).format == name

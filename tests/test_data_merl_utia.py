@@ -222,7 +222,8 @@ def test_utia_refuses_wrong_pictures(tmp_path, rng):
     path = tmp_path / "x.exr"
     utia.write_utia_exr(path, small_table(rng))
     with pytest.raises(SimrigError, match="12×12 pixels; the UTIA layout has 288×288"):
-        utia.read_utia_exr(path)
+        utia.read_utia_exr(path, utia.DATABASE)
+    assert utia.read_utia_exr(path).values.shape == (3, 3, 4, 4, 3)  # it states its layout
     content = path.read_bytes()
     path.write_bytes(content[: len(content) - 200])
     with pytest.raises(SimrigError, match=r"damaged|readable"):

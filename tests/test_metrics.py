@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from simrig.brdf import Lambert, kurt_material
 from simrig.core.errors import SimrigError
@@ -251,7 +252,6 @@ def test_table_says_unit_and_direction(pair):
     [
         (np.ones((12, 12, 3)), np.ones((12, 13, 3)), None, "differ in size: 12 × 12 and 13 × 12"),
         (np.ones((12, 12, 3)), np.full((12, 12, 3), np.nan), None, "NaN or infinite"),
-        (np.ones((12, 12, 3)), np.full((12, 12, 3), -0.5), None, "negative values"),
         (np.ones((12, 12, 3)), np.ones((12, 12, 3)), np.zeros((12, 12)), "leaves no pixel"),
         (np.ones((12, 12, 3)), np.ones((12, 12, 3)), np.ones((3, 3)), "mask must have the shape"),
         (np.ones((10, 12, 3)), np.ones((10, 12, 3)), None, "at least 11 × 11"),
@@ -300,3 +300,19 @@ def test_brdfs_log_psnr_agrees_with_the_definition_on_arrays():
     assert result.to_dict()["excluded"] == 0
     same = compare_brdfs(truth, truth, step_deg=20.0)
     assert same.mre == 0.0 and same.to_dict()["log_psnr"] is None
+
+
+def test_negative_pixels_are_counted_and_set_to_zero(rng) -> None:
+    reference = rng.uniform(0.0, 1.0, (12, 12, 3))
+    ringing = reference.copy()
+    ringing[2, 3, 1] = ringing[4, 5] = -0.02
+    clamped = np.maximum(ringing, 0.0)
+    compared = compare_images(reference, ringing)
+    assert compared.negative == (0, 2)
+    assert compared.to_dict()["negative_pixels"] == {"reference": 0, "image": 2}
+    assert compared.delta_e == compare_images(reference, clamped).delta_e
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(compared.table())
+    assert "negative pixels" in console.export_text()
+    with pytest.raises(SimrigError, match="negative values"):
+        metrics.check_pair(reference, ringing)

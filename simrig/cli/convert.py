@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simrig.cli import frame
+from simrig.cli import frame, reading
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.files.load import ReadOptions
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    frame.command(app)(convert)
+    frame.command(app)(reading.takes_options(convert))
 
 
 def convert(
@@ -25,38 +28,43 @@ def convert(
     format: Annotated[
         str | None, typer.Option(help="One of the formats; by the ending of the output else.")
     ] = None,
-    clamp_negative: Annotated[
-        bool, typer.Option("--clamp-negative", help="Set negative measured values to 0.")
-    ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an existing output.")
     ] = False,
+    *,
+    reading: ReadOptions,
 ) -> frame.Report:
     """Write a material in another format, and say how well it survived; lists the formats alone.
 
-    What is read is told apart by its content, not by its name.
+    What is read is told apart by its content, not by its name. What a file says about its values
+    is used; what it cannot say, the options do.
     """
     from dataclasses import asdict
 
-    from simrig.files.load import load_material, save_material
+    from simrig.cli.reading import notes
+    from simrig.files.load import read_material, save_material
 
     if material is None:
         return _formats()
     if output is None:
         raise SimrigError("name the file to write: simrig convert MATERIAL OUTPUT")
     with output_file(output, overwrite):
-        brdf = load_material(material, clamp_negative)
-        saved = save_material(output, brdf, format)
+        read = read_material(material, reading)
+        saved = save_material(output, read.brdf, format)
     return frame.Report(
         data={
-            "material": brdf.name,
+            "material": read.brdf.name,
             "output": output,
             "format": saved.format,
             "bytes": saved.bytes,
+            "read": {"format": read.format or None, "notes": read.notes},
+            "plausibility": saved.plausibility.as_dict(),
             "error": asdict(saved.error),
         },
         shown=[
-            f"{output}: {brdf.name} as {saved.format}, {saved.bytes:,} bytes",
+            f"{output}: {read.brdf.name} as {saved.format}, {saved.bytes:,} bytes",
+            *notes(read),
+            *[f"note: {remark}" for remark in saved.plausibility.remarks],
             f"read again: {saved.error}",
         ],
     )

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simrig.cli import frame
+from simrig.cli import frame, reading
 from simrig.cli.outputs import output_file
 from simrig.cli.structures import describe, listing
 from simrig.core.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
     from simrig.brdf import Brdf
+    from simrig.files.load import Read, ReadOptions
 
 _ALBEDO_VIEWS_DEG = (0.0, 60.0)  # of one material; lists show the first
 _SHOWN_NUMBERS = 12  # parameters with more values are tables, shown by their shape
@@ -21,7 +22,7 @@ _SHOWN_NUMBERS = 12  # parameters with more values are tables, shown by their sh
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    frame.command(app)(materials)
+    frame.command(app)(reading.takes_options(materials))
 
 
 def materials(
@@ -39,6 +40,8 @@ def materials(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an existing picture.")
     ] = False,
+    *,
+    reading: ReadOptions,
 ) -> frame.Report:
     """List the built-in materials and scenes, or describe one of them or a material file."""
     from simrig.files.load import MATERIALS
@@ -60,24 +63,29 @@ def materials(
         return _scene(name)
     if not (Path(name).suffix or Path(name).exists() or name in MATERIALS):
         raise unknown_name("material", name, (*MATERIALS, *PRESETS, *SCENES))
-    report = _material(name)
+    read = _read(name, reading)
+    report = _material(name, read)
     if picture is None:
         return report
-    drawn = _draw(name, picture, overwrite)
+    drawn = _draw(read.brdf, picture, overwrite)
     return frame.Report({**report.data, "picture": str(picture)}, [*report.shown, drawn])
 
 
-def _draw(name: str, path: Path, overwrite: bool) -> str:
+def _read(name: str, options: ReadOptions) -> Read:
+    from simrig.files.load import read_material
+
+    return read_material(name, options)
+
+
+def _draw(brdf: Brdf, path: Path, overwrite: bool) -> str:
     """Write the BRDF picture of a material, and return what to say about it."""
     import numpy as np
 
     from simrig.files.images import write_exr, write_png
-    from simrig.files.load import load_material
     from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture
 
     if path.suffix not in (".png", ".exr"):
         raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
-    brdf = load_material(name)
     top = np.degrees(brdf.theta_max)
     image = brdf_picture(brdf, [e for e in THETAS_DEG if e <= top])
     exposure = brdf_exposure(image)
@@ -117,15 +125,20 @@ def _all() -> frame.Report:
     )
 
 
-def _material(name: str) -> frame.Report:
-    from simrig.files.load import load_material
+def _material(name: str, read: Read) -> frame.Report:
+    from simrig.brdf.plausibility import plausibility
 
-    brdf = load_material(name)
+    brdf = read.brdf
     about = _summary(brdf, _origin(name), _ALBEDO_VIEWS_DEG)
+    found = plausibility(brdf)
+    about["plausibility"] = found.as_dict()
+    about["read"] = {"format": read.format or None, "notes": read.notes}
     about["parameters"] = {key: _parameter(value) for key, value in brdf.data().items()}
     rows = [(key, about[key]) for key in ("name", "model", "origin", "theta_max_deg", "reciprocal")]
     rows += [(f"albedo at {view}°", _triple(rgb)) for view, rgb in about["albedo"].items()]
     rows += list(about["parameters"].items())
+    rows += [("read", note) for note in read.notes]
+    rows += [("note", remark) for remark in found.remarks]
     return frame.Report(data=about, shown=[frame.table(("property", "value"), rows)])
 
 

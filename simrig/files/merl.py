@@ -3,6 +3,8 @@
 Layout (Matusik et al. 2003): three little-endian int32 (90, 90, 180), then float64 in planes of
 red, green, blue, each over theta_h, theta_d, phi_d with phi_d running fastest. Stored values are
 f_r divided by 1/1500, 1.15/1500 and 1.66/1500. Negative values mark bins that were not measured.
+Other counts of bins are read as the same parameterisation: theta_h by its square root, phi_d over
+half a turn.
 """
 
 from __future__ import annotations
@@ -18,8 +20,7 @@ from simrig.files.atomic import atomic_write, existing_file
 SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
 INVALID = ("fill", "black", "refuse")
 _HEADER = 12
-_BINS = int(np.prod(MERL_SHAPE))
-SIZE = _HEADER + 3 * 8 * _BINS
+SIZE = _HEADER + 24 * int(np.prod(MERL_SHAPE))
 
 
 def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -> IsotropicTable:
@@ -40,8 +41,8 @@ def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -
     if invalid not in INVALID:
         raise unknown_name("treatment of invalid MERL bins", invalid, INVALID)
     path = existing_file(path)
-    _check_size(path)
-    planes = np.fromfile(path, dtype="<f8", offset=_HEADER).reshape(3, *MERL_SHAPE)
+    shape = _checked_shape(path)
+    planes = np.fromfile(path, dtype="<f8", offset=_HEADER).reshape(3, *shape)
     values = np.moveaxis(planes, 0, -1)
     if not np.all(np.isfinite(values)):
         count = int((~np.isfinite(values)).sum())
@@ -93,17 +94,22 @@ def is_merl(start: bytes, size: int) -> bool:
     )
 
 
-def _check_size(path: Path) -> None:
+def _checked_shape(path: Path) -> tuple[int, int, int]:
+    """Return the counts of bins, after checking that the file has that size."""
     size = path.stat().st_size
     with open(path, "rb") as file:
         header = file.read(_HEADER)
     if len(header) < _HEADER:
         raise SimrigError(f"'{path}' is not a MERL file: it has only {size} bytes")
-    dimensions = tuple(int(n) for n in np.frombuffer(header, dtype="<i4"))
-    if dimensions != MERL_SHAPE:
+    first, second, third = (int(n) for n in np.frombuffer(header, dtype="<i4"))
+    shape = (first, second, third)
+    expected = _HEADER + 24 * first * second * third
+    if shape != MERL_SHAPE and (min(shape) < 2 or size != expected):
         raise SimrigError(
-            f"'{path}' is not a MERL file: its dimensions are {dimensions}, not {MERL_SHAPE}"
+            f"'{path}' is not a MERL file: its dimensions are {shape}, not {MERL_SHAPE}, and its "
+            f"{size} bytes do not fit them"
         )
-    if size != SIZE:
-        what = "is truncated" if size < SIZE else "has trailing bytes"
-        raise SimrigError(f"MERL file '{path}' {what}: {size} bytes instead of {SIZE}")
+    if size != expected:
+        what = "is truncated" if size < expected else "has trailing bytes"
+        raise SimrigError(f"MERL file '{path}' {what}: {size} bytes instead of {expected}")
+    return shape

@@ -24,7 +24,7 @@ def info(file: _File) -> frame.Report:
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(help="A BTF file, or a folder of pictures.")],
+    source: Annotated[Path, typer.Argument(help="A BTF file, or a folder or zip of pictures.")],
     output: Annotated[Path, typer.Argument(help="A new folder, or a BTF file (.h5).")],
     size_mm: Annotated[
         str | None, typer.Option(help="Width and height of the tile that a folder shows: 10x10.")
@@ -42,13 +42,14 @@ def convert(
 ) -> frame.Report:
     """Turn a BTF file into a folder of OpenEXR pictures, or a folder of pictures into a file.
 
-    Folders: named by their angles as UTIA and Bonn publish them. Our own pictures carry their
-    size and exact angles.
+    Folders and zip archives: pictures named by their angles as UTIA and Bonn publish them, read by
+    what they say about their values. Our own pictures carry their size and exact angles.
     """
     from simrig.files.btf.hdf5 import read_btf
     from simrig.files.btf.images import PixelValues, import_btf, recorded_size, write_btf_images
+    from simrig.files.btf.source import is_archive
 
-    if not source.is_dir():
+    if not source.is_dir() and not is_archive(source):
         if with_cosine or (size_mm, colour, factor) != (None, None, None):
             raise SimrigError(
                 f"'{source}' is a BTF, which holds its size and f_r: --size-mm, --colour, --factor "
@@ -71,7 +72,9 @@ def convert(
         frame.on_interrupt(f"the same command goes on from '{output}.part'")
         with frame.progress(f"reading {source.name}") as report:
             stack = import_btf(source, output, size, values, progress=report)
-    return frame.Report(described(output), [f"{output}: {len(stack):,} images of {stack.name}"])
+    notes = [*stack.provenance.get("read", []), stack.provenance.get("skipped", "")]
+    shown = [f"{output}: {len(stack):,} images of {stack.name}", *(n for n in notes if n)]
+    return frame.Report(described(output), shown)
 
 
 def fill(

@@ -54,6 +54,12 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     return {name: a for name, a in arrays.items() if a.dtype.kind in "fiubUS" and a.size}
 
 
+def is_npy(path: Path) -> bool:
+    """Return whether a file is a single NumPy array."""
+    with existing_file(path).open("rb") as file:
+        return file.read(len(NPY_MAGIC)) == NPY_MAGIC
+
+
 def _check(path: Path, name: str, claimed: int, available: int) -> None:
     if claimed > _MOST_BYTES or claimed > _RATIO * available + _HEADROOM:
         raise SimrigError(
@@ -119,6 +125,8 @@ def _mat(path: Path) -> dict[str, np.ndarray]:
 def _mat73(path: Path) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
     size = path.stat().st_size
+    with path.open("rb") as start:
+        matlab = start.read(len(MAT_TEXT)) == MAT_TEXT
     with h5py.File(path, "r") as file:
         for name in list(file)[:_MOST_ARRAYS]:
             item = file.get(name, getlink=False) if _is_hard(file, name) else None
@@ -131,7 +139,7 @@ def _mat73(path: Path) -> dict[str, np.ndarray]:
                 codes = values.T.ravel()[:4096].astype(int)
                 arrays[name] = np.array("".join(chr(c) for c in codes if 0 < c < 0x110000))
             else:
-                arrays[name] = values.T
+                arrays[name] = values.T if matlab or kind else values
     return arrays
 
 

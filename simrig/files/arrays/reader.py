@@ -23,7 +23,7 @@ from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
 from simrig.files.arrays import axes as axis_names
 from simrig.files.arrays.axes import COLOURS, HELP, Axis
-from simrig.files.arrays.containers import read_arrays
+from simrig.files.arrays.containers import is_npy, read_arrays
 from simrig.files.atomic import atomic_write
 from simrig.files.wavelengths import to_rgb
 
@@ -55,6 +55,8 @@ def load_arrays(
         SimrigError: damaged files, arrays that do not fit the axes, values that cannot be.
     """
     path = Path(path)
+    if axes is None and is_npy(path):
+        raise SimrigError(f"'{path}' is a single NumPy array: {HELP}")
     arrays = read_arrays(path)
     stated = axes or _own_axes(arrays)
     if stated is None:
@@ -122,17 +124,6 @@ def _content(brdf: Brdf) -> dict[str, np.ndarray]:
         "axes": np.array("theta_i,theta_v,phi_i,phi_v,rgb"),
         "units": np.array("f_r in 1/sr, linear RGB with sRGB primaries; angles in degrees"),
     }
-
-
-def is_arrays(path: Path) -> bool:
-    """Return whether a zip archive holds arrays (``.npz``)."""
-    import zipfile
-
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return any(name.endswith(".npy") for name in archive.namelist()[:4096])
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        return True  # a damaged one: its reader says so
 
 
 def _own_axes(arrays: dict[str, np.ndarray]) -> str | None:

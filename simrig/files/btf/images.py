@@ -1,19 +1,19 @@
 """BTFs as folders of pictures, one per pair of directions, named by their angles.
 
-Names as published, angles in whole degrees, illumination (tl, pl), then view (tv, pv):
+Names as published, angles in degrees, illumination (tl, pl), then view (tv, pv):
 
-- UTIA BTF database: ``tv000_pv000/tl000_pl000_tv000_pv000.exr`` (CIE XYZ, D65, half) or ``.png``
-  (sRGB), 81 × 81 directions;
+- UTIA BTF database: ``tv000_pv000/tl000_pl000_tv000_pv000.exr`` (half) or ``.png`` (sRGB), 81 × 81
+  directions; where its OpenEXR channels R, G, B hold CIE XYZ, ``colour="xyz"`` says so;
 - Bonn UBO2003: ``tv000_pv000/00000 tl000 pl000 tv000 pv000.jpg`` (sRGB), 81 × 81 directions.
 
-Whatever the folders, every picture below the given one whose name holds the four angles is taken.
-simrig writes the Bonn form as OpenEXR, linear RGB, with the exact angles in the headers. Row 0 is
-the top of the picture (+y) in all of them.
+Whatever the folders, every picture below the given one, or in a zip archive, whose name holds the
+four angles is taken (``simrig.files.btf.source``), and what it says about its values is used
+(``simrig.files.pictures``). simrig writes the Bonn form as OpenEXR, linear RGB, with the exact
+angles in the headers. Row 0 is the top of the picture (+y) in all of them.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,26 +21,27 @@ from typing import Any
 
 import numpy as np
 
-from simrig.btf.grid import repeated_pair
 from simrig.btf.stack import BtfStack, checked_size
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.btf.hdf5 import BtfWriter, read_btf
-from simrig.files.images import read_image, write_exr
+from simrig.files.btf.source import ANGLES, BtfPictures, find_pictures
+from simrig.files.images import write_exr
+from simrig.files.pictures import read_picture
+from simrig.files.pictures.exr import read_header
 
 COLOURS = ("auto", "rgb", "xyz")
-_NAME = re.compile(r"tl(\d+)[ _]+pl(\d+)[ _]+tv(\d+)[ _]+pv(\d+)\.(exr|png|jpe?g)$", re.IGNORECASE)
-_ANGLES = ("theta_i_deg", "theta_v_deg", "phi_i_deg", "phi_v_deg")
 _BATCH_BYTES = 1 << 26  # float32 bytes of the pictures that are written at once
 
 
 @dataclass(frozen=True)
 class PixelValues:
-    """What the numbers in the pictures are.
+    """What the numbers in the pictures are, where they do not say it themselves.
 
     Attributes:
-        colour: ``"rgb"`` (linear RGB; PNG and JPEG are decoded from sRGB), ``"xyz"``, or
-            ``"auto"``: XYZ for OpenEXR that simrig did not write, RGB for everything else.
+        colour: ``"auto"`` and ``"rgb"`` believe the pictures (linear RGB in OpenEXR and Radiance
+            HDR, sRGB in PNG and JPEG, unless they say otherwise); ``"xyz"`` is for XYZ that is
+            stored as R, G, B without a word.
         factor: multiplies linear values to make them f_r in 1/sr; 1/π where 1 is a white
             diffuser.
         with_cosine: the pictures hold f_r times cos theta_i, as a camera sees a fixed lamp.
@@ -58,39 +59,9 @@ class PixelValues:
 
 
 def find_btf_images(folder: str | Path) -> tuple[list[Path], np.ndarray]:
-    """Return the pictures of a BTF and their angles.
-
-    Returns:
-        Paths, and theta_i, theta_v, phi_i, phi_v in radians, shape (n, 4): by polar angle and
-        azimuth of the illumination, then of the view.
-
-    Raises:
-        SimrigError: no such folder, no picture in it is named by its angles, or two pictures show
-            the same pair.
-    """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise SimrigError(f"there is no folder '{folder}'")
-    found = []
-    for path in folder.rglob("*"):
-        match = _NAME.search(path.name)
-        if match and path.is_file():
-            tl, pl, tv, pv = (float(angle) for angle in match.groups()[:4])
-            exact = _exact_angles(path)
-            found.append((path, exact or (tl, tv, pl, pv)))
-    if not found:
-        raise SimrigError(
-            f"no picture below '{folder}' is named by its angles (tl000_pl000_tv000_pv000.exr)"
-        )
-    found.sort(key=lambda entry: (entry[1][0], entry[1][2], entry[1][1], entry[1][3], entry[0]))
-    paths, all_angles = [path for path, _ in found], np.radians([angles for _, angles in found])
-    twice = repeated_pair(all_angles)
-    if twice is not None:
-        raise SimrigError(
-            f"'{paths[twice[0]]}' and '{paths[twice[1]]}' show the same pair of directions: "
-            "remove one of them"
-        )
-    return paths, all_angles
+    """Return the pictures of a BTF in a folder, and their angles (see ``find_pictures``)."""
+    found = find_pictures(folder)
+    return [found.source / name for name in found.names], found.angles
 
 
 def import_btf(
@@ -102,12 +73,13 @@ def import_btf(
     dtype: type = np.float16,
     progress: Callable[[int, int], None] | None = None,
 ) -> BtfStack:
-    """Read a folder of pictures into one HDF5 file, batch by batch; an interrupted one continues.
+    """Read pictures into one HDF5 file, batch by batch; an interrupted one continues.
 
-    Pairs that are not there are left out; who renders the stack decides what becomes of them.
+    Pairs that are not there are left out; who renders the stack decides what becomes of them. The
+    provenance says what was made of the pictures' values and which files were no pictures.
 
     Args:
-        folder: the pictures.
+        folder: the pictures: a folder, or a zip archive.
         path: the HDF5 file.
         size_mm: width and height of the tile (the databases give dots per inch: pixels · 25.4 /
             DPI).
@@ -119,22 +91,26 @@ def import_btf(
         SimrigError: as ``find_btf_images``; damaged pictures or ones of another size, named.
     """
     values = PixelValues() if values is None else values
-    paths, angles = find_btf_images(folder)
-    first = _f_r(paths[0], angles[0, 0], values)
-    provenance = {"folder": Path(folder).name, **vars(values)}
+    found = find_pictures(folder)
+    angles, name = found.angles, Path(folder).stem if found.source.is_file() else Path(folder).name
+    first, made = _f_r(found, 0, values)
+    provenance = {"folder": Path(folder).name, **vars(values), "read": list(made)}
+    if found.skipped:
+        provenance["skipped"] = found.skipped_text
     shape = first.shape[:2]
-    options: dict[str, Any] = {"name": Path(folder).name, "provenance": provenance, "dtype": dtype}
+    options: dict[str, Any] = {"name": name, "provenance": provenance, "dtype": dtype}
     batch = max(1, _BATCH_BYTES // first.nbytes)
+    count = len(found.names)
     with BtfWriter(path, angles, shape, size_mm, **options) as writer:
         missing = set(writer.missing.tolist())
-        for start in range(0, len(paths), batch):
-            numbers = range(start, min(start + batch, len(paths)))
+        for start in range(0, count, batch):
+            numbers = range(start, min(start + batch, count))
             if missing.isdisjoint(numbers):
                 continue
-            images = [_f_r(paths[k], angles[k, 0], values, shape) for k in numbers]
+            images = [_f_r(found, k, values, shape)[0] for k in numbers]
             writer.write(start, np.stack(images))
             if progress is not None:
-                progress(numbers.stop, len(paths))
+                progress(numbers.stop, count)
     return read_btf(path)
 
 
@@ -173,7 +149,7 @@ def write_btf_images(
             below.mkdir(exist_ok=True)
             path = below / f"{number:05d} tl{tl:03d} pl{pl:03d} tv{tv:03d} pv{pv:03d}.exr"
             # as text: a header's floats are single precision
-            exact = {name: repr(float(a)) for name, a in zip(_ANGLES, degrees, strict=True)}
+            exact = {name: repr(float(a)) for name, a in zip(ANGLES, degrees, strict=True)}
             size = {"size_mm": " ".join(repr(length) for length in stack.size_mm)}
             write_exr(path, image, {**exact, **size, "comments": f"f_r in 1/sr of {stack.name}"})
             written.append(path)
@@ -186,59 +162,35 @@ def recorded_size(folder: str | Path) -> tuple[float, float]:
     """Return the width and height of the tile in mm that pictures of simrig carry.
 
     Raises:
-        SimrigError: as ``find_btf_images``; or the first picture does not say.
+        SimrigError: as ``find_pictures``; or the first picture does not say.
     """
-    first = find_btf_images(folder)[0][0]
-    if _exact_angles(first) is not None:
-        import OpenEXR
-
-        header = OpenEXR.File(str(first), header_only=True).header()
+    found = find_pictures(folder)
+    with found.open(0) as first:
+        header = read_header(first) if first.suffix.lower() == ".exr" else {}
         sides = str(header.get("size_mm", "")).split()
-        if len(sides) == 2:
+        if len(sides) == 2 and ANGLES[0] in header:
             return checked_size([float(side) for side in sides], first.name)
     raise SimrigError(f"the pictures below '{folder}' do not say how large their tile is: give it")
 
 
 def _f_r(
-    path: Path, theta_i: float, values: PixelValues, shape: tuple[int, ...] | None = None
-) -> np.ndarray:
-    """Return a picture as f_r, float32 (H, W, 3)."""
-    jpeg = path.suffix.lower() in (".jpg", ".jpeg")
-    image = _read_jpeg(path) if jpeg else read_image(path)
+    found: BtfPictures, number: int, values: PixelValues, shape: tuple[int, ...] | None = None
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return a picture as f_r, float32 (H, W, 3), and what was made of its values."""
+    with found.open(number) as path:
+        picture = read_picture(path)
+    image, made = picture.pixels, picture.made
     if shape is not None and image.shape[:2] != tuple(shape):
         raise SimrigError(
-            f"'{path}' has {image.shape[0]} × {image.shape[1]} pixels, the first picture of its "
-            f"BTF {shape[0]} × {shape[1]}"
+            f"'{found.names[number]}' has {image.shape[0]} × {image.shape[1]} pixels, the first "
+            f"picture of its BTF {shape[0]} × {shape[1]}"
         )
-    foreign_exr = path.suffix.lower() == ".exr" and _exact_angles(path) is None
-    if values.colour == "xyz" or (values.colour == "auto" and foreign_exr):
+    if picture.shown_exposure not in (None, 1.0):
+        image = image / np.float32(picture.shown_exposure)
+        made = (*made, "divided by the exposure that it was made with")
+    if values.colour == "xyz" and not any("XYZ" in done for done in made):
         image = image @ FROM_XYZ.astype(np.float32).T
+    theta_i = float(found.angles[number, 0])
     scale = values.factor / (np.cos(theta_i) if values.with_cosine else 1.0)
     # colours outside of the gamut and noise about black are negative: a channel cannot be
-    return np.maximum(image * np.float32(scale), 0.0)
-
-
-def _read_jpeg(path: Path) -> np.ndarray:
-    import mitsuba as mi
-
-    try:
-        bitmap = mi.Bitmap(str(path)).convert(
-            mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False
-        )
-    except RuntimeError as error:
-        raise SimrigError(f"'{path}' is a damaged JPEG file") from error
-    return np.array(bitmap, dtype=np.float32)
-
-
-def _exact_angles(path: Path) -> tuple[float, float, float, float] | None:
-    """Return the angles in degrees of a picture that simrig wrote, None of another."""
-    if path.suffix.lower() != ".exr":
-        return None
-    import OpenEXR
-
-    try:
-        header = OpenEXR.File(str(path), header_only=True).header()
-        a, b, c, d = (float(header[name]) for name in _ANGLES)
-    except (RuntimeError, KeyError, ValueError):
-        return None
-    return a, b, c, d
+    return np.maximum(image * np.float32(scale), 0.0), made

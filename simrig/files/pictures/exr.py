@@ -91,6 +91,14 @@ def read(path: Path, layer: str | None = None) -> Decoded:
     return Decoded(pixels, says, (*made, *placed), window)
 
 
+def read_header(path: Path) -> dict[str, Any]:
+    """Return the attributes of the first part; empty where the header is broken."""
+    try:
+        return _headers(path)[0]
+    except SimrigError:
+        return {}
+
+
 def _headers(path: Path) -> list[dict[str, Any]]:
     import OpenEXR
 
@@ -294,6 +302,7 @@ def _says(header: dict[str, Any], layer: _Layer, headers: list[dict[str, Any]]) 
         "view",
         "acesImageContainerFlag",
         "comments",
+        "simrigUtiaLayout",
     ):
         if key in header and not (key == "pixelAspectRatio" and header[key] == 1.0):
             says[key] = _text(header[key])

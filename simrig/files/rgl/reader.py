@@ -13,10 +13,15 @@ from simrig.files.rgl.tensor_file import read_tensors
 _REQUIRED = ("description", "theta_i", "phi_i", "ndf", "sigma", "vndf", "jacobian")
 
 
-def read_rgl(path: str | Path) -> RglBrdf:
+def read_rgl(path: str | Path, wavelengths: tuple[float, float] | None = None) -> RglBrdf:
     """Read an RGL file with RGB or spectral values.
 
     Spectra are converted to linear sRGB (see ``simrig.files.spectra``).
+
+    Args:
+        path: the file.
+        wavelengths: first and last of evenly spaced ones in nm, of a file that has spectra and
+            does not say theirs.
 
     Raises:
         SimrigError: not a tensor file, fields that are missing or do not fit together.
@@ -32,12 +37,12 @@ def read_rgl(path: str | Path) -> RglBrdf:
         )
     try:
         return RglBrdf(
-            np.ravel(fields["phi_i"]).tolist(),
-            np.ravel(fields["theta_i"]).tolist(),
-            fields["ndf"],
-            fields["sigma"],
-            fields["vndf"],
-            _colours(fields),
+            np.ravel(_numbers(fields, "phi_i")).tolist(),
+            np.ravel(_numbers(fields, "theta_i")).tolist(),
+            _numbers(fields, "ndf"),
+            _numbers(fields, "sigma"),
+            _numbers(fields, "vndf"),
+            _colours(fields, wavelengths),
             jacobian=bool(np.ravel(fields["jacobian"])[:1].any()),
             name=path.stem,
         )
@@ -45,14 +50,37 @@ def read_rgl(path: str | Path) -> RglBrdf:
         raise SimrigError(f"'{path}': {error}") from error
 
 
-def _colours(fields: dict[str, np.ndarray]) -> np.ndarray:
+def _numbers(fields: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """Return a field as float32, or float64 where it is that."""
+    array = fields[name]
+    if array.dtype.kind not in "fiu":
+        raise SimrigError(f"field '{name}' of an RGL material holds no numbers")
+    return np.asarray(array, dtype=np.float64 if array.dtype == np.float64 else np.float32)
+
+
+def _colours(fields: dict[str, np.ndarray], evenly: tuple[float, float] | None) -> np.ndarray:
     """Return linear RGB of shape (n_phi, n_theta, rows, columns, 3)."""
-    values = fields.get("rgb", fields.get("spectra"))
-    if values is None or values.ndim != 5:
+    name = "rgb" if "rgb" in fields else "spectra"
+    values = _numbers(fields, name)
+    if values.ndim != 5:
         raise SimrigError("the values of an RGL material must have five dimensions")
     values = np.moveaxis(values, 2, -1)
-    if "rgb" in fields:
+    count = values.shape[-1]
+    if name == "rgb":
+        if count != 3:
+            raise SimrigError(f"field 'rgb' of an RGL material has {count} channels, not 3")
         return np.ascontiguousarray(values)
     from simrig.files.spectra import rgb_weights
 
-    return values @ rgb_weights(np.ravel(fields["wavelengths"])).astype(np.float32)
+    if "wavelengths" in fields:
+        wavelengths = np.ravel(_numbers(fields, "wavelengths")).astype(np.float64)
+        if len(wavelengths) != count:
+            raise SimrigError(f"{len(wavelengths)} wavelengths for spectra of {count} samples")
+    elif evenly is not None:
+        wavelengths = np.linspace(*evenly, count)
+    else:
+        raise SimrigError(
+            f"it has spectra of {count} samples and does not say their wavelengths: state them, "
+            "--wavelengths FIRST:LAST in nm (evenly spaced)"
+        )
+    return values @ rgb_weights(wavelengths).astype(values.dtype)
