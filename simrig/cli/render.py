@@ -119,6 +119,7 @@ def render(
             "seed": seed,
             "variant": result.variant,
             "integrator": result.integrator,
+            **({"film": result.film} if result.film else {}),
         }
         plan = planned.as_dict() if planned else None
         _write(files, result.image, exposure, {**about, **_plan_metadata(plan)})
@@ -129,6 +130,7 @@ def render(
         shown=[
             f"{', '.join(map(str, files))}: {width} × {height}, {result.spp} samples per pixel, "
             f"{result.run_seconds:.2f} s and {result.compile_seconds:.2f} s of compilation",
+            *([result.film] if result.film else []),
             *_shown(planned),
         ],
     )

@@ -16,6 +16,7 @@ from simrig.core import backend
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
 from simrig.plugins.make import building
+from simrig.rendering.film import FilmColours, film_colours
 from simrig.rendering.pixel_samples import ControlSamples, pixel_directions
 
 __all__ = [
@@ -48,6 +49,7 @@ class RenderResult:
         spp: samples per pixel.
         integrator: plugin name or class of the integrator.
         variant: Mitsuba variant.
+        film: what the film recorded and was made RGB of; empty for a film of RGB.
     """
 
     image: np.ndarray
@@ -56,6 +58,7 @@ class RenderResult:
     spp: int
     integrator: str
     variant: str
+    film: str = ""
 
     @property
     def cost(self) -> Cost:
@@ -122,6 +125,8 @@ def render(
 
     total: Any = 0.0
     done = 0
+    film = scene.sensors()[0].film()
+    to_rgb: FilmColours | None = None
     with timed() as clock:
         for pass_spp, pass_seed in zip(passes, seeds, strict=True):
             picture = mi.render(
@@ -130,7 +135,8 @@ def render(
                 spp=pass_spp,
                 seed=int(pass_seed),  # type: ignore[arg-type]  # the stub knows no plain int
             )
-            colours = _red_green_blue(np.array(picture))
+            to_rgb = film_colours(film) if to_rgb is None else to_rgb
+            colours = to_rgb(np.array(picture))
             if len(passes) > 1:
                 total = total + np.float64(pass_spp / spp) * colours
             done += pass_spp
@@ -139,13 +145,14 @@ def render(
         image = np.asarray(total if len(passes) > 1 else colours, dtype=np.float32)
     _check_finite(image)
     return RenderResult(
-        image, clock.compile_seconds, clock.run_seconds, int(spp), name, str(mi.variant())
+        image,
+        clock.compile_seconds,
+        clock.run_seconds,
+        int(spp),
+        name,
+        str(mi.variant()),
+        to_rgb.note if to_rgb else "",
     )
-
-
-def _red_green_blue(picture: np.ndarray) -> np.ndarray:
-    """Return the colours of a film; one of luminance alone, with or without alpha, becomes grey."""
-    return picture[..., :3] if picture.shape[-1] > 2 else np.repeat(picture[..., :1], 3, axis=-1)
 
 
 def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:
