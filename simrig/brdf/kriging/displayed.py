@@ -1,0 +1,73 @@
+"""How much a displayed picture shows of a pair of directions and of an error there.
+
+A picture of a curved object under light from everywhere looks at illumination and view directions
+with densities of the cosine of each. Its brightness is close to the cube root of what arrives
+(CIE L*), so that an error counts by the derivative of that root beside the light that is there
+anyway, and nothing above white.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import qmc
+
+from simrig.directions.spherical import to_vector
+
+_WHITE = 20.0  # displayed white over the level; what is brighter shows no more
+_TINY = 1e-12
+
+
+def displayed_pairs(
+    count: int, theta_i_max: float, theta_v_max: float, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of directions as a picture shows them, from a scrambled Sobol sequence.
+
+    Args:
+        count: how many.
+        theta_i_max, theta_v_max: largest polar angles, radians.
+        seed: of the scrambling.
+
+    Returns:
+        wi, wv of shape (count, 3).
+    """
+    uniform = _sobol(4, count, seed)
+    sines = [np.sin(theta_i_max), np.sin(theta_v_max)]
+    theta_i, theta_v = (np.arcsin(s * np.sqrt(uniform[:, k])) for k, s in enumerate(sines))
+    phi_i, phi_v = 2.0 * np.pi * uniform[:, 2], 2.0 * np.pi * uniform[:, 3]
+    return to_vector(theta_i, phi_i), to_vector(theta_v, phi_v)
+
+
+def even_pairs(
+    count: int, theta_i_max: float, theta_v_max: float, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of directions that are even in all angles, as in ``displayed_pairs``."""
+    uniform = _sobol(4, count, seed)
+    theta_i, theta_v = theta_i_max * uniform[:, 0], theta_v_max * uniform[:, 1]
+    phi_i, phi_v = 2.0 * np.pi * uniform[:, 2], 2.0 * np.pi * uniform[:, 3]
+    return to_vector(theta_i, phi_i), to_vector(theta_v, phi_v)
+
+
+def typical_level(radiance: np.ndarray) -> float:
+    """Return a level between the mean and the median of (n, 3) radiances: of cube roots."""
+    roots = np.cbrt(np.maximum(radiance, 0.0).mean(axis=1))
+    return float(max(roots.mean() ** 3, _TINY))
+
+
+def shown(radiance: np.ndarray, level: float) -> np.ndarray:
+    """Return by how much what is displayed changes per unit of the logarithm of a radiance.
+
+    Args:
+        radiance: (n, 3).
+        level: of the light that is there anyway (``typical_level``).
+
+    Returns:
+        (n, 3), in cube roots of radiance.
+    """
+    seen = np.minimum(np.maximum(radiance, 0.0), _WHITE * level)
+    return seen / np.cbrt(seen + level) ** 2
+
+
+def _sobol(dimensions: int, count: int, seed: int) -> np.ndarray:
+    # whole powers of two keep the balance of the sequence
+    power = max(int(np.ceil(np.log2(max(count, 2)))), 1)
+    return np.asarray(qmc.Sobol(dimensions, seed=seed).random_base2(power))[:count]

@@ -1,0 +1,251 @@
+"""A BRDF as kriging of the logarithms of its samples; its parameters by leaving samples out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
+
+from simrig.brdf.kriging.coordinates import (
+    Coordinates,
+    half_difference_angles,
+    prior_of,
+)
+from simrig.brdf.kriging.displayed import displayed_pairs, typical_level
+from simrig.brdf.kriging.local import kriging_weights, predict
+from simrig.brdf.kriging.symmetry import Symmetry
+
+_FEWEST = 6  # samples; the parameters of fewer are the expected ones
+_LEFT_OUT, _MOST_LEFT_OUT = 300, 500  # samples whose prediction chooses the parameters
+_NEAR = 16  # neighbours while parameters are chosen
+_LEVEL_PAIRS = 2048
+_FLOORS = {True: 0.01, False: 0.001}  # of the logarithm, over the level: isotropic or not
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What was measured of a BRDF.
+
+    Attributes:
+        wi, wv: (n, 3) unit vectors.
+        values: (n, 3) f_r in 1/sr, >= 0.
+        theta_i_max, theta_v_max: how far the rig may look, radians.
+    """
+
+    wi: np.ndarray
+    wv: np.ndarray
+    values: np.ndarray
+    theta_i_max: float
+    theta_v_max: float
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def with_more(self, wi: np.ndarray, wv: np.ndarray, values: np.ndarray) -> Samples:
+        """Return these samples and more."""
+        joined = (
+            np.concatenate(pair)
+            for pair in ((self.wi, wi), (self.wv, wv), (self.values, values))
+        )
+        return Samples(*joined, self.theta_i_max, self.theta_v_max)
+
+
+@dataclass(frozen=True)
+class Transform:
+    """From f_r to what is interpolated and back: log(f_r · cos(theta_i)^power + floor).
+
+    Attributes:
+        floor: in the unit of f_r; what is far below it shows in no picture.
+        power: 1, or 0 where the cosine of one direction would break reciprocity.
+    """
+
+    floor: float
+    power: int
+
+    def forward(self, values: np.ndarray, cos_i: np.ndarray) -> np.ndarray:
+        """Return the logarithms (n, 3) of f_r (n, 3) at the cosines (n,)."""
+        return np.asarray(np.log(values * cos_i[:, None] ** self.power + self.floor))
+
+    def radiance(self, logs: np.ndarray) -> np.ndarray:
+        """Return f_r · cos(theta_i)^power of logarithms, >= 0."""
+        return np.maximum(np.exp(logs) - self.floor, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class KrigingModel:
+    """Samples with coordinates in which their logarithms are interpolated.
+
+    Attributes:
+        samples: what was measured.
+        coordinates: fitted to them.
+        transform: to logarithms.
+        level: typical f_r · cos(theta_i)^power in a picture.
+        parameters: of the coordinates, to start another fit from.
+    """
+
+    samples: Samples
+    coordinates: Coordinates
+    transform: Transform
+    level: float
+    parameters: np.ndarray
+
+    @cached_property
+    def logs(self) -> np.ndarray:
+        """(n, 3) logarithms of the samples."""
+        return self.transform.forward(self.samples.values, self.samples.wi[:, 2])
+
+    @cached_property
+    def features(self) -> np.ndarray:
+        """(i·n, f) coordinates of the samples and of their images."""
+        return self.coordinates(self.symmetry.images(self.angles_of()))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the features."""
+        return cKDTree(self.features)
+
+    @property
+    def symmetry(self) -> Symmetry:
+        return self.coordinates.symmetry
+
+    @property
+    def neighbours(self) -> int:
+        """How many samples (or images) predict a value."""
+        return min(32 if self.symmetry.isotropic else 40, len(self.features))
+
+    def angles_of(self) -> np.ndarray:
+        """Return the half-difference angles (n, 4) of the samples."""
+        return half_difference_angles(self.samples.wi, self.samples.wv, self.symmetry.axis)
+
+    def at(self, angles: np.ndarray, neighbours: int | None = None) -> tuple[np.ndarray, ...]:
+        """Return logarithms (n, 3) and their relative deviations (n,) at angles (n, 4)."""
+        points = self.coordinates(angles)
+        logs, spread = self.at_blocks(points[:, None, :], neighbours)
+        return logs[:, 0], spread[:, 0]
+
+    def at_blocks(self, points: np.ndarray, neighbours: int | None = None) -> tuple[np.ndarray, ...]:
+        """Return the same for groups of coordinates (b, p, f), each with one set of neighbours.
+
+        Returns:
+            (b, p, 3) logarithms and (b, p) deviations.
+        """
+        count = min(neighbours or self.neighbours, len(self.features))
+        _, near = self.tree.query(points.mean(axis=1), k=count)
+        near = near.reshape(len(points), count)
+        values = np.tile(self.logs, (len(self.features) // len(self.logs), 1))
+        return predict(self.features, values, points, near, self.coordinates.nugget)
+
+    def left_out(self, neighbours: int = _NEAR) -> tuple[np.ndarray, np.ndarray]:
+        """Return what all other samples say of each, less the sample, and the deviation expected.
+
+        Returns:
+            (n, 3) differences of logarithms and (n,) deviations over that of the signal.
+        """
+        own = np.arange(len(self.logs))
+        near = _others(self.tree, self.features[own], own, len(own), neighbours)
+        values = np.tile(self.logs, (len(self.features) // len(own), 1))
+        points = self.features[own][:, None, :]
+        made, spread = predict(self.features, values, points, near, self.coordinates.nugget)
+        return made[:, 0] - self.logs, spread[:, 0]
+
+
+def fit_model(
+    samples: Samples,
+    symmetry: Symmetry,
+    start: np.ndarray | None = None,
+    evaluations: int = 160,
+    final: bool = False,
+) -> KrigingModel:
+    """Return the model whose parameters predict left-out samples best.
+
+    The criterion is the pseudo-likelihood of left-out samples (Rasmussen and Williams 2006, eq.
+    5.11) with a prior; the deviation of each channel is that of its residuals.
+
+    Args:
+        samples: at least two.
+        symmetry: which images they have.
+        start: parameters to start from; by default the expected ones.
+        evaluations: of the criterion.
+        final: leave more samples out.
+    """
+    power = 0 if symmetry.reciprocal else 1
+    angles = half_difference_angles(samples.wi, samples.wv, symmetry.axis)
+    prior = prior_of(symmetry)
+    images = symmetry.images(angles)
+    expected = prior.coordinates(prior.mean, symmetry)
+    level = _level(samples, expected(images), expected, power)
+    transform = Transform(_FLOORS[symmetry.isotropic] * level, power)
+    parameters = prior.mean if start is None or len(start) != len(prior.mean) else start
+    if len(samples) >= _FEWEST:
+        logs = transform.forward(samples.values, samples.wi[:, 2])
+        rng = np.random.default_rng(0)
+        chosen = rng.permutation(len(samples))[: _MOST_LEFT_OUT if final else _LEFT_OUT]
+        for _ in range(2):  # the neighbours depend on the parameters
+            criterion = _Criterion(images, logs, chosen, symmetry, parameters)
+            simplex = np.vstack([parameters, parameters + 0.5 * np.eye(len(parameters))])
+            found = minimize(
+                criterion,
+                parameters,
+                method="Nelder-Mead",
+                options={"maxfev": evaluations // 2, "initial_simplex": simplex},
+            )
+            parameters = found.x
+    coordinates = prior.coordinates(parameters, symmetry)
+    return KrigingModel(samples, coordinates, transform, level, parameters)
+
+
+class _Criterion:
+    """The negative logarithm of the probability of left-out samples, of parameters."""
+
+    def __init__(
+        self,
+        images: np.ndarray,
+        logs: np.ndarray,
+        chosen: np.ndarray,
+        symmetry: Symmetry,
+        parameters: np.ndarray,
+    ):
+        self._symmetry, self._prior = symmetry, prior_of(symmetry)
+        count = len(logs)
+        features = self._prior.coordinates(parameters, symmetry)(images)
+        near = _others(cKDTree(features), features[chosen], chosen, count, _NEAR)
+        used, place = np.unique(np.concatenate([chosen, near.ravel()]), return_inverse=True)
+        self._angles = images[used]
+        self._own, self._near = place[: len(chosen)], place[len(chosen) :].reshape(near.shape)
+        self._values, self._truth = logs[near % count], logs[chosen]
+
+    def __call__(self, parameters: np.ndarray) -> float:
+        coordinates = self._prior.coordinates(parameters, self._symmetry)
+        features = coordinates(self._angles)
+        own = features[self._own][:, None, :]
+        weights, variance = kriging_weights(features[self._near], own, coordinates.nugget)
+        misses = (weights @ self._values)[:, 0] - self._truth
+        scaled = np.mean(misses**2 / variance, axis=0) + 1e-300
+        unlikely = 0.5 * np.log(variance).sum() + 0.5 * len(own) * np.log(scaled).mean()
+        away = (parameters - self._prior.mean) / self._prior.deviation
+        return float(unlikely + 0.5 * (away**2).sum())
+
+
+def _others(
+    tree: cKDTree, points: np.ndarray, own: np.ndarray, count: int, wanted: int
+) -> np.ndarray:
+    """Return the nearest features that are no image of the sample itself, (n, k)."""
+    images = tree.n // count
+    wanted = min(wanted, images * (count - 1))
+    _, near = tree.query(points, k=min(wanted + images, tree.n))
+    itself = near % count == own[:, None]
+    order = np.argsort(itself, axis=1, kind="stable")
+    return np.asarray(np.take_along_axis(near, order, axis=1)[:, :wanted])
+
+
+def _level(samples: Samples, features: np.ndarray, expected: Coordinates, power: int) -> float:
+    """Return the typical radiance of a picture, by the nearest sample of each of its pairs."""
+    wi, wv = displayed_pairs(_LEVEL_PAIRS, samples.theta_i_max, samples.theta_v_max)
+    angles = half_difference_angles(wi, wv, expected.symmetry.axis)
+    _, near = cKDTree(features).query(expected(angles))
+    near = near % len(samples)
+    cosines = samples.wi[near, 2:] ** power
+    return typical_level(samples.values[near] * cosines)

@@ -1,0 +1,131 @@
+"""From samples at any directions to a table, by kriging of logarithms (``simrig.brdf.kriging``).
+
+The measurement says which symmetries its plan found; of one that says nothing the symmetries are
+those under which left-out samples are predicted best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any, Protocol
+
+import numpy as np
+
+from simrig.brdf.kriging.choice import choose_model
+from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
+from simrig.brdf.kriging.symmetry import Symmetry
+from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
+from simrig.directions.spherical import to_vector
+from simrig.reconstruction.scattered.by_name import Reconstructed
+
+_ISOTROPIC_NODES, _ANISOTROPIC_NODES = 92_000, 600_000  # at most
+_NODES_PER_SAMPLE = 60
+_BLOCK_NEIGHBOURS = 48  # of 2 × 2 × 2 × 2 nodes together
+# nodes of theta_h, phi_h, theta_d and phi_d (over full turns) to one another
+_ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 6.0, 2.0, 3.0)
+
+
+class AnyMeasurement(Protocol):
+    """What the reconstruction reads of a measurement."""
+
+    material: str
+
+    @property
+    def theta_i(self) -> np.ndarray: ...
+    @property
+    def theta_v(self) -> np.ndarray: ...
+    @property
+    def phi_i(self) -> np.ndarray: ...
+    @property
+    def phi_v(self) -> np.ndarray: ...
+    @property
+    def values(self) -> np.ndarray: ...
+    @property
+    def provenance(self) -> Mapping[str, Any]: ...
+
+
+def reconstruct_kriging(measurement: AnyMeasurement) -> Reconstructed:
+    """Return the table that kriging makes of a measurement.
+
+    Args:
+        measurement: samples at any directions; ``provenance["found"]["symmetry"]`` is what its
+            plan found.
+
+    Raises:
+        SimrigError: fewer than two samples.
+    """
+    samples = samples_of(measurement)
+    found = measurement.provenance.get("found")
+    if found:
+        model = fit_model(samples, Symmetry.from_dict(found["symmetry"]), final=True)
+        said = found.get("why", "")
+    else:
+        model = choose_model(samples, final=True)
+        said = "symmetries by left-out samples"
+    table = tabulated(model, measurement.material)
+    notes = (model.symmetry.describe(), *([said] if said else []), nodes_in_words(table))
+    return Reconstructed(table, table.stored_bytes, notes)
+
+
+def samples_of(measurement: AnyMeasurement) -> Samples:
+    """Return the samples of a measurement as kriging takes them."""
+    return Samples(
+        to_vector(measurement.theta_i, measurement.phi_i),
+        to_vector(measurement.theta_v, measurement.phi_v),
+        measurement.values,
+        float(measurement.theta_i.max()),
+        float(measurement.theta_v.max()),
+    )
+
+
+def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
+    """Return a table of a model; blocks of 2 × 2 × 2 × 2 nodes share their neighbours."""
+    symmetry, stretch = model.symmetry, model.coordinates.stretch
+    shape = table_shape(symmetry, len(model.samples))
+    axes = node_angles(shape, symmetry, stretch)
+    first, second = np.meshgrid(*(np.arange(0, n, 2) for n in shape), indexing="ij"), []
+    corners = [c for c in product((0, 1), repeat=4) if not (symmetry.isotropic and c[1])]
+    for corner in corners:
+        second.append(
+            [
+                np.minimum(index.ravel() + step, count - 1)
+                for index, step, count in zip(first, corner, shape, strict=True)
+            ]
+        )
+    nodes = np.array(second)  # (corners, 4, blocks)
+    angles = np.stack([axis[nodes[:, k]] for k, axis in enumerate(axes)], axis=-1)
+    points = model.coordinates(angles.reshape(-1, 4)).reshape(*angles.shape[:2], -1)
+    neighbours = min(_BLOCK_NEIGHBOURS, len(model.features))
+    logs, _ = model.at_blocks(points.swapaxes(0, 1), neighbours)
+    values = np.empty((*shape, 3), dtype=np.float32)
+    values[tuple(nodes.transpose(1, 2, 0))] = logs
+    return HalfDifferenceTable(
+        values,
+        symmetry,
+        stretch,
+        model.transform.floor,
+        model.transform.power,
+        model.samples.theta_i_max,
+        name,
+    )
+
+
+def table_shape(symmetry: Symmetry, samples: int) -> tuple[int, int, int, int]:
+    """Return how many nodes a table has along theta_h, phi_h, theta_d and phi_d."""
+    isotropic = symmetry.isotropic
+    ratios = np.array(_ISOTROPIC_SHAPE if isotropic else _ANISOTROPIC_SHAPE)
+    most = _ISOTROPIC_NODES if isotropic else _ANISOTROPIC_NODES
+    (turn_h, turn_d), folded = symmetry.extent, symmetry.folded
+    ratios[1] *= 1.0 if isotropic else turn_h / (2.0 * np.pi) * (0.5 if folded[0] else 1.0)
+    ratios[3] *= turn_d / (2.0 * np.pi) * (0.5 if folded[1] else 1.0)
+    target = min(most, 20_000 + _NODES_PER_SAMPLE * samples)
+    scale = (target / ratios.prod()) ** (1.0 / (3.0 if isotropic else 4.0))
+    counts = [max(int(round(ratio * scale)), 4) for ratio in ratios]
+    return (counts[0], 1 if isotropic else counts[1], counts[2], counts[3])
+
+
+def nodes_in_words(table: HalfDifferenceTable) -> str:
+    """Return the size of a table in words."""
+    n_h, n_p, n_d, n_q = table.logs.shape[:4]
+    return f"table of {n_h} × {n_p} × {n_d} × {n_q} nodes"
