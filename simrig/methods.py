@@ -19,10 +19,12 @@ from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.directions.schemes import HemisphereScheme
+from simrig.plans.auto.plan import LEAST_SAMPLES, AutomaticPlan
 from simrig.plans.gantry import gantry_plan
 from simrig.plans.placement import optimal_placement
 from simrig.plans.uniform import largest_uniform_scheme, uniform_plan
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
+from simrig.reconstruction.kriging import reconstruct_kriging
 from simrig.reconstruction.scattered.by_name import Reconstructed, reconstruct_by_name
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct
@@ -192,6 +194,17 @@ def _gantry(
     return reconstructed(measurement.cost, reconstruct, plan.describe())
 
 
+def _automatic(
+    rig: Gonioreflectometer,
+    brdf: Brdf,
+    samples: int,
+    progress: Progress | None = None,
+) -> MethodResult:
+    measurement = rig.measure_plan(brdf, AutomaticPlan(samples), progress=progress)
+    plan = str(measurement.provenance["plan"])
+    return reconstructed(measurement.cost, partial(reconstruct_kriging, measurement), plan)
+
+
 # name and one line of each, by how it measures
 _ALONG_SLICES = (
     ("slices", "adaptive slices, all kinds (5.3)", "all", reconstruct),
@@ -227,6 +240,12 @@ _ON_GANTRIES = {
     "bd": "gantry slices, displacement interpolation (6.1, BD)",
 }
 _ALL = (
+    Method(
+        "auto",
+        "looks first, measures where it shows, kriging of logarithms",
+        _automatic,
+        least_samples=LEAST_SAMPLES,
+    ),
     *(
         Method(name, about, partial(_slices, slice_types, reconstruct), least_samples=55)
         for name, about, slice_types, reconstruct in _ALONG_SLICES

@@ -48,6 +48,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "barycentric": ("simrig.brdf.tables.barycentric", "BarycentricBrdf"),
     "btf_factored": ("simrig.btf.factored", "FactoredBtf"),
     "dense": ("simrig.brdf.tables.dense", "DenseTable"),
+    "half_difference": ("simrig.brdf.tables.half_difference", "HalfDifferenceTable"),
     "highlight_slices": ("simrig.brdf.slices.highlight_slices", "HighlightSlices"),
     "isotropic": ("simrig.brdf.tables.isotropic", "IsotropicTable"),
     "kurt": ("simrig.brdf.analytic", "Kurt"),

@@ -19,7 +19,7 @@ from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
 from simrig.directions.spherical import to_vector
 from simrig.reconstruction.scattered.by_name import Reconstructed
 
-_ISOTROPIC_NODES, _ANISOTROPIC_NODES = 92_000, 600_000  # at most
+_ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 600_000  # at most
 _NODES_PER_SAMPLE = 60
 _BLOCK_NEIGHBOURS = 48  # of 2 × 2 × 2 × 2 nodes together
 # nodes of theta_h, phi_h, theta_d and phi_d (over full turns) to one another
@@ -121,7 +121,7 @@ def table_shape(symmetry: Symmetry, samples: int) -> tuple[int, int, int, int]:
     ratios[3] *= turn_d / (2.0 * np.pi) * (0.5 if folded[1] else 1.0)
     target = min(most, 20_000 + _NODES_PER_SAMPLE * samples)
     scale = (target / ratios.prod()) ** (1.0 / (3.0 if isotropic else 4.0))
-    counts = [max(int(round(ratio * scale)), 4) for ratio in ratios]
+    counts = [max(round(ratio * scale), 4) for ratio in ratios]
     return (counts[0], 1 if isotropic else counts[1], counts[2], counts[3])
 
 

@@ -36,7 +36,7 @@ class Stretch:
 
     def __call__(self, theta_h: Array) -> Array:
         xp = namespace(theta_h)
-        scale = (1.0 - self.linear) / np.log1p(HALF / self.width)
+        scale = (1.0 - self.linear) / float(np.log1p(HALF / self.width))
         return scale * xp.log(1.0 + theta_h / self.width) + (self.linear / HALF) * theta_h
 
     def inverse(self, position: np.ndarray) -> np.ndarray:
@@ -46,7 +46,7 @@ class Stretch:
             middle = 0.5 * (low + high)
             below = self(middle) < position
             low, high = np.where(below, middle, low), np.where(below, high, middle)
-        return 0.5 * (low + high)
+        return low  # exactly 0 at 0, where azimuths mean nothing
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from simrig.brdf.kriging.symmetry import Symmetry
 
 _FEWEST = 6  # samples; the parameters of fewer are the expected ones
 _LEFT_OUT, _MOST_LEFT_OUT = 300, 500  # samples whose prediction chooses the parameters
+_FINAL_EVALUATIONS = 400
 _NEAR = 16  # neighbours while parameters are chosen
 _LEVEL_PAIRS = 2048
 _FLOORS = {True: 0.01, False: 0.001}  # of the logarithm, over the level: isotropic or not
@@ -47,8 +48,7 @@ class Samples:
     def with_more(self, wi: np.ndarray, wv: np.ndarray, values: np.ndarray) -> Samples:
         """Return these samples and more."""
         joined = (
-            np.concatenate(pair)
-            for pair in ((self.wi, wi), (self.wv, wv), (self.values, values))
+            np.concatenate(pair) for pair in ((self.wi, wi), (self.wv, wv), (self.values, values))
         )
         return Samples(*joined, self.theta_i_max, self.theta_v_max)
 
@@ -126,7 +126,9 @@ class KrigingModel:
         logs, spread = self.at_blocks(points[:, None, :], neighbours)
         return logs[:, 0], spread[:, 0]
 
-    def at_blocks(self, points: np.ndarray, neighbours: int | None = None) -> tuple[np.ndarray, ...]:
+    def at_blocks(
+        self, points: np.ndarray, neighbours: int | None = None
+    ) -> tuple[np.ndarray, ...]:
         """Return the same for groups of coordinates (b, p, f), each with one set of neighbours.
 
         Returns:
@@ -169,8 +171,9 @@ def fit_model(
         symmetry: which images they have.
         start: parameters to start from; by default the expected ones.
         evaluations: of the criterion.
-        final: leave more samples out.
+        final: leave more samples out, and search longer.
     """
+    evaluations = max(evaluations, _FINAL_EVALUATIONS) if final else evaluations
     power = 0 if symmetry.reciprocal else 1
     angles = half_difference_angles(samples.wi, samples.wv, symmetry.axis)
     prior = prior_of(symmetry)
@@ -181,20 +184,28 @@ def fit_model(
     parameters = prior.mean if start is None or len(start) != len(prior.mean) else start
     if len(samples) >= _FEWEST:
         logs = transform.forward(samples.values, samples.wi[:, 2])
-        rng = np.random.default_rng(0)
-        chosen = rng.permutation(len(samples))[: _MOST_LEFT_OUT if final else _LEFT_OUT]
-        for _ in range(2):  # the neighbours depend on the parameters
-            criterion = _Criterion(images, logs, chosen, symmetry, parameters)
-            simplex = np.vstack([parameters, parameters + 0.5 * np.eye(len(parameters))])
-            found = minimize(
-                criterion,
-                parameters,
-                method="Nelder-Mead",
-                options={"maxfev": evaluations // 2, "initial_simplex": simplex},
-            )
-            parameters = found.x
+        chosen = np.random.default_rng(0).permutation(len(samples))
+        chosen = chosen[: _MOST_LEFT_OUT if final else _LEFT_OUT]
+        parameters = _likeliest(images, logs, chosen, symmetry, parameters, evaluations)
     coordinates = prior.coordinates(parameters, symmetry)
     return KrigingModel(samples, coordinates, transform, level, parameters)
+
+
+def _likeliest(
+    images: np.ndarray,
+    logs: np.ndarray,
+    chosen: np.ndarray,
+    symmetry: Symmetry,
+    parameters: np.ndarray,
+    evaluations: int,
+) -> np.ndarray:
+    """Return the parameters that predict the chosen samples best, searched from others."""
+    for _ in range(2):  # the neighbours depend on the parameters
+        criterion = _Criterion(images, logs, chosen, symmetry, parameters)
+        simplex = np.vstack([parameters, parameters + 0.5 * np.eye(len(parameters))])
+        options = {"maxfev": evaluations // 2, "initial_simplex": simplex}
+        parameters = minimize(criterion, parameters, method="Nelder-Mead", options=options).x
+    return np.asarray(parameters)
 
 
 class _Criterion:

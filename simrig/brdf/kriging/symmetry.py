@@ -11,6 +11,10 @@ import numpy as np
 from simrig.core.arrays import Array, namespace
 from simrig.directions.half_difference import HalfDifference
 
+# what a symmetry makes of theta_h, phi_h, theta_d, phi_d
+_SWAPPED, _TURNED = np.array([0.0, 0.0, 0.0, np.pi]), np.array([0.0, np.pi, 0.0, 0.0])
+_MIRRORED = np.array([1.0, -1.0, 1.0, -1.0])
+
 
 @dataclass(frozen=True)
 class Symmetry:
@@ -66,12 +70,12 @@ class Symmetry:
         """
         found = [angles]
         if self.reciprocal:
-            found += [image + [0.0, 0.0, 0.0, np.pi] for image in found]
+            found += [image + _SWAPPED for image in found]
         if not self.isotropic:
             if self.half_turn:
-                found += [image + [0.0, np.pi, 0.0, 0.0] for image in found]
+                found += [image + _TURNED for image in found]
             if self.mirror:
-                found += [image * [1.0, -1.0, 1.0, -1.0] for image in found]
+                found += [image * _MIRRORED for image in found]
         return np.concatenate(found)
 
     def fold(self, at: HalfDifference) -> tuple[Array, Array]:

@@ -1,7 +1,8 @@
-"""A table of logarithms in half-difference angles that fits a material's highlights and symmetry."""
+"""A table of logarithms in half-difference angles, fitted to highlights and symmetry."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from itertools import product
@@ -146,7 +147,7 @@ class HalfDifferenceTable(Brdf):
             logs = part if logs is None else logs + part
         value = xp.maximum(xp.exp(logs) - self.floor, 0.0)
         if self.power:
-            value = scale(value, 1.0 / xp.maximum(components(wi)[2], np.cos(self.theta_max)))
+            value = scale(value, 1.0 / xp.maximum(components(wi)[2], math.cos(self.theta_max)))
         return where_colour(active, value if is_numpy(value) else type(wi)(value))
 
     def _from_axis(self, at: HalfDifference) -> HalfDifference:

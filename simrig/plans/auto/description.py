@@ -12,9 +12,8 @@ from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.directions.half_difference import to_half_difference
 from simrig.plans.auto.pilot import OPERATIONS, Pilot
 
-_SAME = 0.01  # relative difference that counts as none
-_DEVIATIONS = 4.0  # of the noise, that a difference must exceed
-_TRIMMED = 0.75  # of the groups; the others may lie on flanks where an axis that is off counts
+_SAME = 0.002  # relative difference that counts as none
+_DEVIATIONS = 3.0  # standard errors by which a difference must exceed that of noise
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class Test:
     """One symmetry, tried.
 
     Attributes:
-        difference: trimmed mean of the relative differences of values that it would make equal.
+        difference: mean of the relative differences of values that it would make equal.
         uncertainty: its standard error.
         holds: whether they are equal within noise.
     """
@@ -103,15 +102,14 @@ def describe(pilot: Pilot, values: np.ndarray) -> Description:
         0.5 * (grouped[:, 1:] + grouped[:, :1]) + floor
     )
     by_name = dict(zip(OPERATIONS[1:], differences.T, strict=True))
-    noise, noise_error = _noise(by_name["nudged"])
+    turned = np.maximum(by_name["turned_45"], by_name["turned_90"])
+    nudged = by_name["nudged"]
+    noise, noise_error = _noise(nudged)
     found = {
-        name: _test(by_name[operation], noise)
-        for name, operation in (
-            ("isotropic", "turned"),
-            ("reciprocal", "swapped"),
-            ("mirror", "mirrored"),
-            ("half_turn", "half_turned"),
-        )
+        "isotropic": _test(turned, nudged),
+        "reciprocal": _test(by_name["swapped"], nudged),
+        "mirror": _test(by_name["mirrored"], nudged),
+        "half_turn": _test(by_name["half_turned"], nudged),
     }
     at = to_half_difference(pilot.wi, pilot.wv)
     away = at.theta_h > np.radians(25.0)
@@ -143,13 +141,15 @@ def _noise(differences: np.ndarray) -> tuple[float, float]:
     return noise, noise / np.sqrt(2.0 * len(differences))
 
 
-def _test(differences: np.ndarray, noise: float) -> Test:
+def _test(differences: np.ndarray, nudged: np.ndarray) -> Test:
+    """Return whether differences are those of noise, as pairs that are all but the same show it."""
     if len(differences) == 0:
         return Test(0.0, float("inf"), True)  # nothing speaks against it
-    kept = np.sort(differences)[: max(int(np.ceil(_TRIMMED * len(differences))), 1)]
-    mean = float(kept.mean())
-    error = float(kept.std() / np.sqrt(len(kept)))
-    return Test(mean, error, mean <= _SAME + _DEVIATIONS * noise / np.sqrt(len(kept)) + noise)
+    mean, alike = float(differences.mean()), float(nudged.mean())
+    error = float(np.sqrt((differences.var() + nudged.var()) / len(differences)))
+    # the larger of two differences by noise alone is some 1.4 times one
+    least = _SAME + 1.4 * alike + _DEVIATIONS * float(nudged.std()) / np.sqrt(len(nudged))
+    return Test(mean, error, bool(mean <= least))
 
 
 def _colour(value: np.ndarray) -> tuple[float, float, float]:

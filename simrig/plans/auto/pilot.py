@@ -20,7 +20,8 @@ LEAST, MOST, SHARE = 60, 300, 0.05  # samples, and of the budget
 _MOST_GROUPS = 16
 _NUDGE = np.radians(0.7)
 _NARROW = np.radians(0.3)  # the narrowest highlight that the dense half looks for
-OPERATIONS = ("pair", "turned", "swapped", "mirrored", "half_turned", "nudged")
+# a turn of 90° alone leaves what is mirror symmetric in x and y as it is at 45°
+OPERATIONS = ("pair", "turned_45", "turned_90", "swapped", "mirrored", "half_turned", "nudged")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,7 @@ class Pilot:
 
     Attributes:
         wi, wv: (n, 3) unit vectors.
-        groups: (g, 6) numbers of the pairs of each group, in the order of ``OPERATIONS``.
+        groups: (g, 7) numbers of the pairs of each group, in the order of ``OPERATIONS``.
     """
 
     wi: np.ndarray
@@ -62,7 +63,7 @@ def pilot_pairs(samples: int, theta_i_max: float, theta_v_max: float, seed: int 
 
 
 def group_pairs(count: int, reach: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return groups of related pairs, (6·count, 3) each."""
+    """Return groups of related pairs, (7·count, 3) each."""
     steps = (np.arange(count) + 0.5) / count
     uniform = qmc.Halton(3, seed=seed).random(count)
     theta_h = 0.55 * reach * steps**2 + np.radians(0.5)
@@ -72,11 +73,12 @@ def group_pairs(count: int, reach: float, seed: int) -> tuple[np.ndarray, np.nda
     phi_h = np.pi * (0.08 + 0.34 * uniform[:, 2])
     wi, wv = from_half_difference(theta_h, phi_h, theta_d, phi_d)
     mirror = np.array([1.0, -1.0, 1.0])
-    turned = [_turned(v, 0.5 * np.pi) for v in (wi, wv)]
-    half = [_turned(v, np.pi) for v in (wi, wv)]
-    nudged = [_turned(v, _NUDGE) for v in (wi, wv)]
-    first = np.stack([wi, turned[0], wv, wi * mirror, half[0], nudged[0]], axis=1)
-    second = np.stack([wv, turned[1], wi, wv * mirror, half[1], nudged[1]], axis=1)
+    turns = (0.25 * np.pi, 0.5 * np.pi, np.pi, _NUDGE)
+    (i45, v45), (i90, v90), (i180, v180), (near_i, near_v) = (
+        (_turned(wi, turn), _turned(wv, turn)) for turn in turns
+    )
+    first = np.stack([wi, i45, i90, wv, wi * mirror, i180, near_i], axis=1)
+    second = np.stack([wv, v45, v90, wi, wv * mirror, v180, near_v], axis=1)
     return first.reshape(-1, 3), second.reshape(-1, 3)
 
 
@@ -89,9 +91,7 @@ def spread_pairs(count: int, reach: float, seed: int) -> tuple[np.ndarray, np.nd
         return np.zeros((0, 3)), np.zeros((0, 3))
     uniform = qmc.Sobol(4, seed=seed).random_base2(int(np.ceil(np.log2(count))) + 1)[:count]
     dense = np.arange(count) % 2 == 0
-    theta_h = np.where(
-        dense, _NARROW * (reach / _NARROW) ** uniform[:, 0], reach * uniform[:, 0]
-    )
+    theta_h = np.where(dense, _NARROW * (reach / _NARROW) ** uniform[:, 0], reach * uniform[:, 0])
     # of the pairs with this half vector, those within reach
     widest = np.arccos(np.clip(np.cos(reach) / np.cos(theta_h), 0.0, 1.0))
     theta_d = widest * uniform[:, 1]

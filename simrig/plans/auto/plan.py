@@ -213,15 +213,18 @@ class _Run:
 
 
 def _alternatives(symmetry: Symmetry) -> list[Symmetry]:
-    """Return the symmetries that differ in one."""
+    """Return the symmetries that differ in one, and in reciprocity where isotropy is in doubt."""
     flags = symmetry.as_dict()
-    if symmetry.isotropic:
-        turned = [{**flags, "reciprocal": not symmetry.reciprocal}]
-        turned.append({**flags, "isotropic": False, "mirror": False, "half_turn": False})
-        turned.append({**flags, "isotropic": False, "mirror": True, "half_turn": True})
-    else:
+    if not symmetry.isotropic:
         turned = [
             {**flags, name: not flags[name]} for name in ("reciprocal", "mirror", "half_turn")
         ]
         turned.append({**flags, "isotropic": True, "mirror": True, "half_turn": True})
+    else:
+        turned = [{**flags, "reciprocal": not symmetry.reciprocal}]
+        turned += [
+            {**flags, "isotropic": False, "reciprocal": swap, "mirror": both, "half_turn": both}
+            for swap in (True, False)
+            for both in (True, False)
+        ]
     return [Symmetry(**own) for own in turned]

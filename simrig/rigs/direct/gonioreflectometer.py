@@ -16,6 +16,7 @@ from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme
 from simrig.instruments.instrument import UTIA, Instrument
 from simrig.plans.adaptive import AdaptiveSamples, sample_adaptively
+from simrig.plans.auto.plan import AutomaticPlan
 from simrig.plans.placement import SlicePlacement, SubspacePlacement
 from simrig.rigs.direct.effects import check_effects
 from simrig.rigs.direct.recording import at, record
@@ -278,6 +279,45 @@ class Gonioreflectometer:
         cost = self._cost(total, seconds, adaptive=False)
         provenance = self._provenance(plan, setting)
         return DirectionsMeasurement(angles, values, brdf.name, cost, provenance)
+
+    def measure_plan(
+        self,
+        brdf: Brdf,
+        plan: AutomaticPlan,
+        *,
+        checkpoint: Path | None = None,
+        progress: Progress | None = None,
+    ) -> DirectionsMeasurement:
+        """Measure one material by a plan that asks for directions as it learns.
+
+        What the plan found is kept in the provenance, for the reconstruction and for reports.
+
+        Args:
+            brdf: the material.
+            plan: where to look; it is kept within the material's data.
+            checkpoint: file that keeps what was measured so far, as in ``measure``.
+            progress: called with the number of samples done and in total.
+
+        Raises:
+            SimrigError: as ``measure_list``.
+        """
+        plan = plan.within(brdf.theta_max)
+        setting = {
+            **asdict(plan),
+            "plan": plan.describe(),
+            "material": fingerprint(brdf),
+            **self._conditions(),
+        }
+        log = ReplayLog(checkpoint, setting)
+        take = self._taker(brdf, log, plan.samples, progress)
+        elapsed = stopwatch()
+        chunk = max(512, plan.samples // 50)
+        found = plan.run(lambda angles: log.measure(angles, take, chunk))
+        seconds = elapsed()
+        log.remove()
+        provenance = {**self._provenance(plan.describe(), setting), "found": found.found}
+        cost = self._cost(len(found.values), seconds, adaptive=True)
+        return DirectionsMeasurement(found.angles, found.values, brdf.name, cost, provenance)
 
     def _taker(
         self, brdf: Brdf, log: ReplayLog, total: int, progress: Progress | None

@@ -1,0 +1,236 @@
+"""The automatic plan: what the pilot finds, what the plan makes of it, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simrig.brdf import Lambert, kurt_material
+from simrig.brdf.kriging.symmetry import Symmetry
+from simrig.brdf.protocol import Brdf
+from simrig.core.arrays import components, scale, vector
+from simrig.core.errors import SimrigError
+from simrig.directions.spherical import to_vector
+from simrig.methods import METHODS
+from simrig.plans.auto.batches import travel_order
+from simrig.plans.auto.description import describe
+from simrig.plans.auto.pilot import pilot_pairs, pilot_size
+from simrig.plans.auto.plan import AutomaticPlan
+from simrig.reconstruction.kriging import reconstruct_kriging
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurements.directions import DirectionsMeasurement
+
+REACH = np.radians(80.0)
+
+
+class OneWay(Brdf):
+    """Brighter when light comes in flat than when it leaves flat; isotropic."""
+
+    name, reciprocal = "one_way", False
+
+    def data(self):
+        return {"colour": np.array([0.3, 0.2, 0.1])}
+
+    def eval(self, wi, wv, data=None):
+        return np.array([0.3, 0.2, 0.1]) * (2.0 - components(wi)[2])[..., None]
+
+
+class Turned(Brdf):
+    """Another BRDF, turned about the normal."""
+
+    name = "turned"
+
+    def __init__(self, brdf: Brdf, angle: float):
+        self.brdf, self.cosine, self.sine = brdf, np.cos(angle), np.sin(angle)
+
+    def data(self):
+        return self.brdf.data()
+
+    def eval(self, wi, wv, data=None):
+        return self.brdf.eval(self._back(wi), self._back(wv))
+
+    def _back(self, v):
+        x, y, z = components(v)
+        return vector(self.cosine * x + self.sine * y, self.cosine * y - self.sine * x, z)
+
+
+class Noisy(Brdf):
+    """Another BRDF with relative noise that belongs to the directions."""
+
+    name = "noisy"
+
+    def __init__(self, brdf: Brdf, noise: float):
+        self.brdf, self.noise = brdf, noise
+
+    def data(self):
+        return self.brdf.data()
+
+    def eval(self, wi, wv, data=None):
+        seed = np.sin(1e4 * (wi @ [1.0, 2.3, 3.1] + wv @ [4.7, 5.9, 6.1])) * 43758.5453
+        uniform = seed - np.floor(seed)
+        return scale(self.brdf.eval(wi, wv), 1.0 + self.noise * np.sqrt(12.0) * (uniform - 0.5))
+
+
+def described(brdf: Brdf, samples: int = 6000):
+    pilot = pilot_pairs(samples, REACH, REACH)
+    return describe(pilot, brdf.eval(pilot.wi, pilot.wv))
+
+
+def error(brdf: Brdf, made: Brdf) -> float:
+    """Return the mean relative error over the 2° grid's angles, in percent."""
+    rng = np.random.default_rng(5)
+    theta, phi = rng.uniform(0.0, REACH, (2, 3000)), rng.uniform(0.0, 2.0 * np.pi, (2, 3000))
+    wi, wv = to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
+    truth = brdf.eval(wi, wv)
+    return float(100.0 * np.mean(np.abs(made.eval(wi, wv) - truth) / truth))
+
+
+@pytest.mark.parametrize(
+    ("samples", "size"), [(16, 8), (30, 15), (100, 50), (300, 60), (2000, 100), (50_000, 300)]
+)
+def test_a_pilot_is_small(samples, size):
+    pilot = pilot_pairs(samples, REACH, REACH)
+    assert pilot_size(samples) == len(pilot.wi) == len(pilot.wv) == size
+    for v in (pilot.wi, pilot.wv):
+        assert np.linalg.norm(v, axis=1) == pytest.approx(1.0)
+        assert v[:, 2].min() > np.cos(REACH) - 1e-9
+
+
+def test_a_pilot_tells_materials_apart():
+    lambert, velvet = described(Lambert()), described(kurt_material("purple_satin"))
+    assert lambert.symmetry == Symmetry(True, True, True, True)
+    assert lambert.width is None
+    assert velvet.symmetry == Symmetry(False, True, True, True)
+    assert described(OneWay()).symmetry == Symmetry(True, False, True, True)
+    turned = described(Turned(kurt_material("purple_satin"), 0.5)).symmetry
+    assert turned == Symmetry(False, True, False, True)
+
+
+def test_noise_is_seen_and_not_taken_for_anisotropy():
+    seen = described(Noisy(Lambert(), 0.05))
+    assert seen.noise == pytest.approx(0.05, rel=0.6)
+    assert seen.symmetry.isotropic
+    assert seen.symmetry.reciprocal
+
+
+def test_travel_is_shorter_in_order():
+    rng = np.random.default_rng(0)
+    theta, phi = rng.uniform(0.0, REACH, (2, 300)), rng.uniform(0.0, 2.0 * np.pi, (2, 300))
+    wi, wv = to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
+    order = travel_order(wi, wv)
+    assert sorted(order) == list(range(300))
+
+    def way(along):
+        turns = np.abs(np.diff(np.concatenate([theta, phi])[:, along], axis=1))
+        turns[2:] = np.minimum(turns[2:], 2.0 * np.pi - turns[2:])
+        return turns.max(axis=0).sum()
+
+    assert way(order) < 0.5 * way(np.arange(300))
+
+
+@pytest.mark.parametrize("samples", [16, 30, 100])
+def test_small_budgets_are_kept_exactly(samples):
+    measured = Gonioreflectometer().measure_plan(kurt_material("wood01"), AutomaticPlan(samples))
+    assert len(measured.values) == samples == measured.cost.samples
+    made = reconstruct_kriging(measured).brdf
+    assert error(kurt_material("wood01"), made) < 60.0
+
+
+def test_anisotropic_materials_are_measured_well(tmp_path):
+    satin = kurt_material("purple_satin")
+    measured = Gonioreflectometer().measure_plan(satin, AutomaticPlan(600))
+    made = reconstruct_kriging(measured)
+    assert error(satin, made.brdf) < 3.0
+    assert "anisotropic" in made.notes[0]
+    measured.save(tmp_path / "m.h5")
+    again = DirectionsMeasurement.load(tmp_path / "m.h5")
+    assert again.provenance["found"]["symmetry"]["mirror"] is True
+    wi, wv = to_vector(np.array([0.3]), 0.1), to_vector(np.array([0.7]), 2.0)
+    assert np.array_equal(reconstruct_kriging(again).brdf.eval(wi, wv), made.brdf.eval(wi, wv))
+
+
+def test_a_pilot_that_was_wrong_is_overruled():
+    satin = kurt_material("purple_satin")
+
+    class Deceived(AutomaticPlan):
+        """A plan whose pilot sees a diffuse material."""
+
+        def run(self, take):
+            first = pilot_size(self.samples)
+            calls = []
+
+            def lying(angles):
+                calls.append(len(angles))
+                if len(calls) == 1:
+                    return np.full((first, 3), float(np.mean(take(angles))))
+                return take(angles)
+
+            return super().run(lying)
+
+        def within(self, theta_max):
+            return self
+
+    measured = Gonioreflectometer().measure_plan(satin, Deceived(800))
+    assert "contradict" in measured.provenance["found"]["why"]
+    assert measured.provenance["found"]["symmetry"]["isotropic"] is False
+
+
+def test_it_stops_when_it_is_good_enough():
+    measured = Gonioreflectometer().measure_plan(
+        kurt_material("wood01"), AutomaticPlan(4000, until=1.0)
+    )
+    found = measured.provenance["found"]
+    assert len(measured.values) < 2000
+    assert found["predicted_delta_e"] <= 1.0
+    assert found["batches"][-1]["samples"] == len(measured.values)
+
+
+def test_an_interrupted_measurement_goes_on_with_the_same_result(tmp_path):
+    checkpoint = tmp_path / "c.h5"
+    plan, wood = AutomaticPlan(120), kurt_material("wood01")
+    rig = Gonioreflectometer()
+    whole = rig.measure_plan(wood, plan)
+
+    def stop(done, total):
+        if done > 70:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rig.measure_plan(wood, plan, checkpoint=checkpoint, progress=stop)
+    assert checkpoint.exists()
+    resumed = rig.measure_plan(wood, plan, checkpoint=checkpoint)
+    assert np.array_equal(resumed.values, whole.values)
+    assert np.array_equal(resumed.angles, whole.angles)
+    assert not checkpoint.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"samples": 3}, "too few"),
+        ({"samples": 100, "until": 0.0}, "above 0"),
+        ({"samples": 100, "until": float("nan")}, "above 0"),
+        ({"samples": 100, "theta_i_max": 2.0}, "between 0 and 90"),
+    ],
+)
+def test_plans_that_cannot_be_are_refused(arguments, message):
+    with pytest.raises(SimrigError, match=message):
+        AutomaticPlan(**arguments)
+
+
+@pytest.mark.slow
+def test_real_materials_need_fewer_samples_than_slices(shared_data):
+    from simrig.files.load import load_material
+
+    truth = load_material(shared_data / "rgl" / "vch_golden_yellow_rgb.bsdf")
+    rig = Gonioreflectometer()
+    auto, slices = (METHODS[name].run(rig, truth, 1000) for name in ("auto", "slices"))
+    rng = np.random.default_rng(5)
+    theta, phi = (
+        np.arcsin(np.sqrt(rng.uniform(0, 0.96, (2, 4000)))),
+        rng.uniform(0, 6.28, (2, 4000)),
+    )
+    wi, wv = to_vector(theta[0], phi[0]), to_vector(theta[1], phi[1])
+    expected = np.cbrt(truth.eval(wi, wv))
+    off = [np.abs(np.cbrt(made.brdf.eval(wi, wv)) - expected).mean() for made in (auto, slices)]
+    assert off[0] < 0.2 * off[1]
