@@ -29,8 +29,8 @@ _ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 6.0, 2.0, 3.0
 class AnyMeasurement(Protocol):
     """What the reconstruction reads of a measurement."""
 
-    material: str
-
+    @property
+    def material(self) -> str: ...
     @property
     def theta_i(self) -> np.ndarray: ...
     @property
@@ -84,16 +84,17 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
     symmetry, stretch = model.symmetry, model.coordinates.stretch
     shape = table_shape(symmetry, len(model.samples))
     axes = node_angles(shape, symmetry, stretch)
-    first, second = np.meshgrid(*(np.arange(0, n, 2) for n in shape), indexing="ij"), []
+    first = np.meshgrid(*(np.arange(0, count, 2) for count in shape), indexing="ij")
     corners = [c for c in product((0, 1), repeat=4) if not (symmetry.isotropic and c[1])]
-    for corner in corners:
-        second.append(
+    nodes = np.array(  # (corners, 4, blocks)
+        [
             [
                 np.minimum(index.ravel() + step, count - 1)
                 for index, step, count in zip(first, corner, shape, strict=True)
             ]
-        )
-    nodes = np.array(second)  # (corners, 4, blocks)
+            for corner in corners
+        ]
+    )
     angles = np.stack([axis[nodes[:, k]] for k, axis in enumerate(axes)], axis=-1)
     points = model.coordinates(angles.reshape(-1, 4)).reshape(*angles.shape[:2], -1)
     neighbours = min(_BLOCK_NEIGHBOURS, len(model.features))

@@ -47,10 +47,13 @@ class Samples:
 
     def with_more(self, wi: np.ndarray, wv: np.ndarray, values: np.ndarray) -> Samples:
         """Return these samples and more."""
-        joined = (
-            np.concatenate(pair) for pair in ((self.wi, wi), (self.wv, wv), (self.values, values))
+        return Samples(
+            np.concatenate([self.wi, wi]),
+            np.concatenate([self.wv, wv]),
+            np.concatenate([self.values, values]),
+            self.theta_i_max,
+            self.theta_v_max,
         )
-        return Samples(*joined, self.theta_i_max, self.theta_v_max)
 
 
 @dataclass(frozen=True)

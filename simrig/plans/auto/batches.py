@@ -42,7 +42,8 @@ def next_batch(model: KrigingModel, angles: np.ndarray, free: np.ndarray, count:
     density = seen**_STEEP + _EVEN
     dimensions = 3 if model.symmetry.isotropic else 4
     distance, _ = model.tree.query(points)
-    free, chosen = free.copy(), []
+    free = free.copy()
+    chosen: list[int] = []
     each = max(1, -(-count // _ROUNDS))
     while len(chosen) < count:
         merit = np.where(free, density * distance**dimensions, -1.0)
