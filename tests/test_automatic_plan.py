@@ -222,7 +222,7 @@ def test_plans_that_cannot_be_are_refused(arguments, message):
 def test_real_materials_need_fewer_samples_than_slices(shared_data):
     from simrig.files.load import load_material
 
-    truth = load_material(shared_data / "rgl" / "vch_golden_yellow_rgb.bsdf")
+    truth = load_material(shared_data("rgl/vch_golden_yellow_rgb.bsdf"))
     rig = Gonioreflectometer()
     auto, slices = (METHODS[name].run(rig, truth, 1000) for name in ("auto", "slices"))
     rng = np.random.default_rng(5)
