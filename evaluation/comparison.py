@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,10 +11,12 @@ import numpy as np
 from rich.table import Table
 
 from simrig.brdf.protocol import Brdf
+from simrig.core.shown import Exhibit, Shown, beside
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.metrics.angular_grid import CHANNELS, AngularGrid, grid_sums
 from simrig.evaluation.metrics.mre import RelativeError, relative_error
 from simrig.files.pictures import as_image
+from simrig.viewing.brdf.picture import shown_brdfs
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class ComparisonMaps:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """Two images compared; ``IMAGE_METRICS`` says what the numbers mean.
 
     PSNR and log-PSNR are infinite for identical images.
@@ -115,6 +118,23 @@ class Comparison:
         }
         return numbers | settings
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return the numbers, in the order of ``IMAGE_METRICS``."""
+        return _numbers(self, IMAGE_METRICS, dtype)
+
+    def __str__(self) -> str:
+        """Return the numbers in one line."""
+        return f"{_line(self, IMAGE_METRICS)} ({self.pixels:,} pixels)"
+
+    def exhibit(self) -> Exhibit:
+        """Return the numbers and the difference image."""
+        difference = f"255 − {self.difference_scale:g}·|I1 − I2|, white where they agree"
+        facts = _facts(self, IMAGE_METRICS) | {
+            "counted": f"{self.pixels:,} pixels, exposure {self.exposure:g}",
+            "picture": difference,
+        }
+        return Exhibit("Comparison of two pictures", facts, self.maps.difference)
+
     def table(self, title: str = "Image comparison") -> Table:
         """Return the numbers as a table for the terminal."""
         values = {name: getattr(self, name) for name in IMAGE_METRICS}
@@ -128,7 +148,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class BrdfComparison:
+class BrdfComparison(Shown):
     """Two BRDFs compared; ``BRDF_METRICS`` says what the numbers mean.
 
     Attributes:
@@ -137,6 +157,7 @@ class BrdfComparison:
         log_psnr: in dB, infinite for equal BRDFs.
         relative_error: the MRE per channel and how it came about.
         grid: the direction pairs.
+        compared: what was compared, where both are BRDFs.
     """
 
     mre: float
@@ -144,6 +165,7 @@ class BrdfComparison:
     log_psnr: float
     relative_error: RelativeError
     grid: AngularGrid
+    compared: tuple[Brdf, Brdf] | None = field(default=None, repr=False, compare=False)
 
     def to_dict(self) -> dict[str, float | int | None]:
         """Return the numbers for JSON; an infinite log-PSNR becomes None."""
@@ -155,7 +177,29 @@ class BrdfComparison:
         }
         return numbers | settings
 
-    def table(self, title: str = "Reflectance comparison") -> Table:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return the numbers, in the order of ``BRDF_METRICS``."""
+        return _numbers(self, BRDF_METRICS, dtype)
+
+    def __str__(self) -> str:
+        """Return the numbers in one line."""
+        grid = f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°"
+        return f"{_line(self, BRDF_METRICS)} ({grid})"
+
+    def exhibit(self) -> Exhibit:
+        """Return the numbers and both BRDFs side by side, with the exposure of the first."""
+        facts = _facts(self, BRDF_METRICS) | {
+            "counted": f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°, "
+            f"polar angles to {self.grid.theta_max_deg:g}°"
+        }
+        if self.compared is None:
+            return Exhibit("Comparison of two materials", facts)
+        truth, other = self.compared
+        pictures = shown_brdfs([truth, other])
+        facts |= {"picture": f"left {truth.name}, right {other.name}"}
+        return Exhibit("Comparison of two materials", facts, beside(pictures))
+
+    def table(self, title: str = "BRDF comparison") -> Table:
         """Return the numbers as a table for the terminal."""
         values = {name: getattr(self, name) for name in BRDF_METRICS}
         caption = (
@@ -165,6 +209,22 @@ class BrdfComparison:
         if self.relative_error.excluded:
             caption += f"; MRE without {self.relative_error.excluded:,} values of zero truth"
         return metric_table({"value": values}, BRDF_METRICS, title, caption)
+
+
+def _numbers(compared: Any, meanings: Mapping[str, Metric], dtype: Any) -> np.ndarray:
+    return np.array([getattr(compared, name) for name in meanings], dtype=dtype or np.float64)
+
+
+def _facts(compared: Any, meanings: Mapping[str, Metric]) -> dict[str, str]:
+    """Return the numbers with their units, by label."""
+    return {
+        metric.label: f"{_number(getattr(compared, name))} {metric.unit}".rstrip()
+        for name, metric in meanings.items()
+    }
+
+
+def _line(compared: Any, meanings: Mapping[str, Metric]) -> str:
+    return ", ".join(f"{label} {text}" for label, text in _facts(compared, meanings).items())
 
 
 def finite(value: float) -> float | None:
@@ -277,4 +337,5 @@ def compare_brdfs(
         log_psnr=metrics.log_psnr_from_mse(sums.squared_log.sum() / values),
         relative_error=error,
         grid=grid,
+        compared=(truth, approximation) if isinstance(approximation, Brdf) else None,
     )

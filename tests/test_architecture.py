@@ -45,12 +45,14 @@ MAY_IMPORT = {
     "viewing": PICTURES,
     "evaluation": EVERYTHING,
     "doctor": EVERYTHING,
-    "cli": EVERYTHING,
+    "front_door": EVERYTHING,
+    "cli": EVERYTHING | {"front_door"},
 }
 # arrows against the flow; allowed inside a function only, never while a module is loaded
 LAZILY = {
     ("core", "plugins"): "a variant is not ready before our plugins are registered in it",
     ("plugins", "files"): "a plugin's 'filename' may be of any format that we read",
+    ("brdf", "viewing"): "a BRDF that shows itself in a notebook is drawn where BRDFs are drawn",
 }
 
 TOP_LEVEL = {

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
+from simrig.core.colour import decode_srgb
 from simrig.core.errors import SimrigError
 from simrig.files.pictures import read_picture
-from simrig.files.pictures.curves import decode_srgb
 from simrig.files.pictures.primaries import ADOBE_RGB, to_srgb
 
 GREY = 100

@@ -269,7 +269,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "along_highlights.png"]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="along-highlights",
     about="Interpolation along highlights against section 5.3, in subspaces and in 4-D.",
     source="thesis section 5.7",

@@ -220,7 +220,7 @@ def draw_sensitivity(path: Path) -> Path:
     return path
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="critical-distance",
     about="From which distance on structure cannot be seen, predicted for all materials.",
     source="thesis section 3.3, Tables 3.1 to 3.3, Figs 3.11 to 3.16",

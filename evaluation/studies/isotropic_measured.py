@@ -149,7 +149,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "isotropic.png"]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="isotropic-measured",
     about="Section 6.3.1: measured isotropic materials from 84 gantry samples.",
     source="thesis section 6.3.1",

@@ -294,7 +294,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "plan_validation.png"]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="plan-validation",
     about="Validation of the planner: planned renders against converged ones with every effect.",
     source="none published: the figures are our own",

@@ -173,7 +173,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "table_5_3.png"]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="table-5-3",
     about="Table 5.3: the mean relative error of adaptive slices, published beside ours.",
     source="thesis section 5.5.4, Table 5.3",

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from simrig.core.arrays import Array, components, float_type, to_device
+from simrig.core.shown import Exhibit, Shown
 
 
-class Brdf(ABC):
+class Brdf(Shown, ABC):
     """A bidirectional BRDF distribution function f_r(ω_i, ω_v), linear RGB, in 1/sr.
 
     Directions are unit vectors of the local frame (z is the normal) that point away from the
@@ -74,6 +76,27 @@ class Brdf(ABC):
                 may be compact and read-only (see ``simrig.brdf.tables.packed``).
         """
         return data
+
+    def exhibit(self) -> Exhibit:
+        """Return a picture of it (see ``simrig.viewing.brdf.picture``), and what it is."""
+        from simrig.viewing.brdf.picture import shown_brdfs
+
+        facts = {
+            "kind": type(self).__name__,
+            "largest theta": f"{np.degrees(self.theta_max):.4g}°",
+            "reciprocal": "yes" if self.reciprocal else "no",
+            "picture": "theta_i and phi_i downwards, theta_v and phi_v right, 0° to 75°",
+        }
+        return Exhibit(f"BRDF {self.name}", facts, shown_brdfs([self])[0])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return f_r in 1/sr on a grid of 15° up to 75° (or to ``theta_max``).
+
+        Shape (theta_i, theta_v, phi_i, phi_v, 3); any other grid: ``evaluate``.
+        """
+        from simrig.viewing.brdf.picture import grid_values
+
+        return np.array(grid_values(self), dtype=dtype, copy=copy)
 
     def _data_for(self, wi: Array, data: Mapping[str, Array] | None) -> Mapping[str, Array]:
         if data is not None:

@@ -14,7 +14,9 @@ import numpy as np
 
 from simrig.brdf.checks import check_values
 from simrig.brdf.tables.scattered import ScatteredSamples
+from simrig.core.colour import encode_srgb
 from simrig.core.errors import SimrigError
+from simrig.core.shown import Exhibit, Shown
 from simrig.directions.spherical import to_vector
 
 BLOCK_BYTES = 1 << 26  # of float32 texels that are read from a stack at once
@@ -22,7 +24,7 @@ _CHANNELS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class BtfStack:
+class BtfStack(Shown):
     """Images of a periodic tile, one per pair of directions.
 
     Row 0 is at +y (top), column 0 at -x: texel (r, c) has its centre at x = (c + 0.5) / W · width
@@ -64,6 +66,26 @@ class BtfStack:
 
     def __len__(self) -> int:
         return int(self.values.shape[0])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return all values: f_r in 1/sr, shape (pairs, H, W, 3); reads the whole file of one."""
+        return np.array(self.values[:], dtype=dtype, copy=copy)
+
+    def exhibit(self) -> Exhibit:
+        """Return the tile in the image that is nearest to frontal light and view."""
+        height, width = self.resolution
+        number = int(np.argmin(np.abs(self.angles[:, :2]).sum(axis=1)))
+        image = np.maximum(self.images(np.array([number]))[0].astype(np.float64), 0.0)
+        white = float(np.percentile(image.max(axis=-1), 99.0)) or 1.0
+        theta_i, theta_v = np.degrees(self.angles[number, :2])
+        facts = {
+            "images": f"{len(self):,} of {width} × {height} texels",
+            "tile": f"{self.size_mm[0]:g} × {self.size_mm[1]:g} mm",
+            "size": f"{self.nbytes:,} bytes, {self.values.dtype}",
+            "picture": f"theta_i {theta_i:.3g}°, theta_v {theta_v:.3g}°",
+        }
+        picture = np.round(255.0 * encode_srgb(0.9 * image / white)).astype(np.uint8)
+        return Exhibit(f"BTF {self.name}", facts, picture)
 
     @property
     def resolution(self) -> tuple[int, int]:

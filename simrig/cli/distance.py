@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from simrig.cli import frame
 from simrig.cli.assignments import assignments
 from simrig.cli.outputs import output_file
-from simrig.core.errors import SimrigError, unknown_name
-
-if TYPE_CHECKING:
-    from simrig.mesostructure.tile import Tile
-    from simrig.viewing.structure.probe import Stimulus
-
-_HDF5 = (".h5", ".hdf5")
-_PICTURES = (".png", ".exr", ".hdr")
-FLAT, CYLINDER = STIMULI = ("flat", "cylinder")
+from simrig.core.errors import SimrigError
 
 
 def register(app: typer.Typer) -> None:
@@ -40,7 +32,7 @@ def distance(
     ] = None,
     stimulus: Annotated[
         str, typer.Option(help="flat, or cylinder: its BTF beside its BRDF as in thesis B.2.")
-    ] = FLAT,
+    ] = "flat",
     texels: Annotated[
         int, typer.Option(min=1, help="Along x, of a preset's BTF for the cylinder.")
     ] = 64,
@@ -55,17 +47,18 @@ def distance(
     What is looked at: a flat piece from 0.6 m under two lights, or a cylinder that stands there,
     see docs/perception.md.
     """
+    from simrig.front_door.seeing import stimulus_of
     from simrig.viewing.structure.probe import FEATURES, probe
 
-    size: float | None
-    if stimulus not in STIMULI:
-        raise unknown_name("stimulus", stimulus, STIMULI)
-    show = _cylinder if stimulus == CYLINDER else _flat
-    shown, given = show(material, size_mm, spp=spp, seed=seed, texels=texels)
-    if structure_mm is not None:
-        size, source = structure_mm, "given"
-    else:
-        size, source = given, "of the preset" if given else "found in the spectrum"
+    shown, size, source = stimulus_of(
+        material,
+        size_mm=size_mm,
+        structure_mm=structure_mm,
+        stimulus=stimulus,
+        texels=texels,
+        spp=spp,
+        seed=seed,
+    )
     seen = probe(shown, size)
     rows = [(name, seen.features[name], *_predicted(name, seen.distances_m)) for name in FEATURES]
     height, width = shown.textured.shape
@@ -149,67 +142,6 @@ def distance_map(
     )
 
 
-def _flat(
-    material: str, size_mm: float | None = None, *, spp: int | None, seed: int = 0, **_of_btf: int
-) -> tuple[Stimulus, float | None]:
-    """Return a flat piece, and the size of its structure where it is known."""
-    from simrig.viewing.structure import probe as probes
-
-    is_picture = Path(material).suffix.lower() in _PICTURES
-    if is_picture and size_mm is None:
-        raise SimrigError(
-            f"'{material}' is a picture: say with --size-mm of 'simrig distance' how wide it is"
-        )
-    if size_mm is not None and not is_picture:
-        advice = "--size-mm says how wide a picture is, and only a picture needs it"
-        raise SimrigError(f"'{material}': {advice}")
-    if size_mm is not None:
-        from simrig.files.images import read_image
-
-        return probes.image_stimulus(read_image(material), size_mm, Path(material).name), None
-    if Path(material).suffix.lower() in _HDF5:
-        from simrig.files.btf.hdf5 import read_btf
-
-        stack = read_btf(material)
-        return probes.btf_stimulus(stack), probes.element_of_preset(stack.name)
-    tile = _tile(material, seed)
-    return probes.tile_stimulus(tile, spp=spp or 256), tile.element_mm
-
-
-def _cylinder(
-    material: str, size_mm: float | None, *, spp: int | None, seed: int, texels: int
-) -> tuple[Stimulus, float | None]:
-    """Return a cylinder with a BTF, and the size of its structure where it is known."""
-    if size_mm is not None or Path(material).suffix.lower() in _PICTURES:
-        raise SimrigError(f"'{material}': a cylinder needs a BTF, look at a picture with flat")
-    if Path(material).suffix.lower() in _HDF5:
-        from simrig.core import backend
-        from simrig.files.btf.hdf5 import read_btf
-        from simrig.viewing.structure.probe import element_of_preset
-
-        stack = read_btf(material)
-        backend.select()
-        size = element_of_preset(stack.name)
-    else:
-        from simrig.viewing.structure.cylinder import measured_upright
-
-        tile = _tile(material, seed)
-        stack, size = measured_upright(tile, texels, spp or 16), tile.element_mm
-    from simrig.viewing.structure.cylinder import cylinder_stimulus
-
-    return cylinder_stimulus(stack), size
-
-
-def _tile(material: str, seed: int) -> Tile:
-    """Return the tile of a preset; an unknown name is refused with the known ones."""
-    from simrig.core import backend
-    from simrig.mesostructure import build_tile
-
-    tile = build_tile(material, seed=seed)
-    backend.select()
-    return tile
-
-
 def _predicted(name: str, distances: dict[str, float]) -> tuple[Any]:
     return (f"{distances[name]:.2f}" if name in distances else "",)
 
@@ -219,7 +151,6 @@ def _metres(value: str) -> float:
     try:
         return float(value)
     except ValueError:
-        from simrig.viewing.structure.probe import probe
+        from simrig.front_door.seeing import critical_distance
 
-        stimulus, size = _flat(value, spp=64)
-        return probe(stimulus, size).distances_m["saliency"]
+        return critical_distance(value, spp=64).distances_m["saliency"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -48,12 +48,13 @@ def pareto(
     from simrig.evaluation.studies.pareto import study
     from simrig.evaluation.studies.pareto.choice import advise, check_wish, find_metric
     from simrig.evaluation.studies.pareto.shown import flat_rows, subject_tables
+    from simrig.front_door.studies import pareto_folder
 
     measure = find_metric(metric)
     wished = check_wish(budget_hours, error)
     counts = study.SAMPLES if samples is None else _numbers(samples)
     config = study.configuration(materials, method or (), counts)
-    folder = output or _folder(config)
+    folder = output or pareto_folder(config)
     frame.on_interrupt(f"the same command goes on from the finished results in '{folder}'")
     with frame.progress("pareto") as report:
         found = run_study(study.STUDY, config, folder, None, workers, report)
@@ -89,11 +90,3 @@ def _numbers(text: str) -> list[int]:
         raise SimrigError(
             f"'{text}' is no list of sample numbers: write for example 435,2000,8911"
         ) from None
-
-
-def _folder(config: dict[str, Any]) -> Path:
-    """Return a folder of its own for every configuration."""
-    from simrig.evaluation.studies.engine.storage import cell_key
-
-    names = "-".join(Path(name).stem for name in config["materials"])
-    return Path("output", "pareto", f"{names[:60]}-{cell_key(config)[:8]}")

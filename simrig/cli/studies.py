@@ -60,12 +60,12 @@ def run_study(
 
     Every finished cell is kept: after Ctrl-C the same command goes on.
     """
-    from simrig.evaluation.studies import STUDIES
     from simrig.evaluation.studies.engine.run import run_study
+    from simrig.front_door.studies import find_study, study_folder
 
-    study = _find("study", name, STUDIES)
+    study = find_study(name)
     preset = _preset(full)
-    folder = output or _folder(name, preset)
+    folder = output or study_folder(name, preset)
     frame.on_interrupt(f"the same command goes on from the finished cells in '{folder}'")
     with frame.progress(name) as report:
         config = study.presets[preset]
@@ -75,12 +75,12 @@ def run_study(
 
 def report_study(name: _StudyName, full: _Full = False, output: _Output = None) -> frame.Report:
     """Write a page with published beside ours, plots, and how the text was read."""
-    from simrig.evaluation.studies import STUDIES
     from simrig.evaluation.studies.engine.page import paragraphs, write_page
     from simrig.evaluation.studies.engine.run import load_results
+    from simrig.front_door.studies import find_study, study_folder
 
-    study = _find("study", name, STUDIES)
-    folder = output or _folder(name, _preset(full))
+    study = find_study(name)
+    folder = output or study_folder(name, _preset(full))
     results = load_results(study, folder)
     if full and frame.plain(results.config) != frame.plain(study.presets["full"]):
         raise SimrigError(f"'{folder}' holds another configuration than --full: leave it out")
@@ -91,11 +91,6 @@ def report_study(name: _StudyName, full: _Full = False, output: _Output = None) 
 
 def _preset(full: bool) -> str:
     return "full" if full else "quick"
-
-
-def _folder(name: str, preset: str) -> Path:
-    """Return where the results of a preset go when nothing else is asked for."""
-    return Path("output", "studies", f"{name}-{preset}")
 
 
 def _report(results: StudyResults, folder: Path, last: str, **more: Any) -> frame.Report:
@@ -125,16 +120,12 @@ def bench(
             data={"benchmarks": [{"name": known, "about": about} for known, about in rows]},
             shown=[frame.table(("benchmark", "about"), rows)],
         )
-    module = _find("benchmark", name, BENCHMARKS)
+    if name not in BENCHMARKS:
+        raise unknown_name("benchmark", name, BENCHMARKS)
+    module = BENCHMARKS[name]
     with frame.progress(name) as report:
         results = module.run(report)
     return frame.Report(data=results, shown=[module.table(results)])
-
-
-def _find(kind: str, name: str, registry: dict[str, Any]) -> Any:
-    if name not in registry:
-        raise unknown_name(kind, name, registry)
-    return registry[name]
 
 
 def _first_line(module: Any) -> str:

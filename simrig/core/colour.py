@@ -1,4 +1,4 @@
-"""Linear RGB with sRGB primaries: its luminance, to XYZ and back, and the curve of CIE L*a*b*."""
+"""Linear RGB with sRGB primaries: luminance, XYZ, the sRGB curve, and that of CIE L*a*b*."""
 
 from __future__ import annotations
 
@@ -10,6 +10,22 @@ FROM_XYZ = np.linalg.inv(TO_XYZ)
 LUMINANCE = TO_XYZ[1]
 _TO_XYZ_OVER_WHITE = TO_XYZ / TO_XYZ.sum(axis=1, keepdims=True)
 _LINEAR, _SLOPE = (6.0 / 29.0) ** 3, (29.0 / 6.0) ** 2 / 3.0  # CIE 15: the straight part of L*
+
+
+def encode_srgb(linear: np.ndarray) -> np.ndarray:
+    """Return the sRGB encoding (IEC 61966-2-1) of linear values.
+
+    Args:
+        linear: any shape; clipped to [0, 1] first.
+    """
+    value = np.clip(linear, 0.0, 1.0)
+    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1.0 / 2.4) - 0.055)
+
+
+def decode_srgb(encoded: np.ndarray) -> np.ndarray:
+    """Return the linear values of sRGB-encoded ones in [0, 1]; undoes ``encode_srgb``."""
+    value = np.asarray(encoded)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def lab_roots(linear: np.ndarray) -> np.ndarray:

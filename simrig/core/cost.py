@@ -39,9 +39,31 @@ class Cost:
         """Simulated time of the measuring device, in hours."""
         return self.hardware_seconds / 3600.0
 
+    def __str__(self) -> str:
+        """Return what there is of it, in words."""
+        parts = [
+            f"{self.samples:,} samples" if self.samples else "",
+            _duration(self.hardware_seconds, " of simulated hardware"),
+            _duration(self.compute_seconds, " of computing"),
+            _duration(self.compile_seconds, " of compilation"),
+            f"{self.bytes:,} bytes" if self.bytes else "",
+        ]
+        return ", ".join(filter(None, parts)) or "nothing"
+
     def as_dict(self) -> dict[str, float]:
         """Return the record as plain numbers (for JSON and file attributes)."""
         return asdict(self)
+
+
+def _duration(seconds: float, of: str) -> str:
+    """Return a time in the unit that suits it, or nothing of none."""
+    if not seconds:
+        return ""
+    size, unit = next(
+        ((size, unit) for size, unit in ((3600.0, "h"), (60.0, "min")) if seconds >= 2.0 * size),
+        (1.0, "s"),
+    )
+    return f"{seconds / size:.3g} {unit}{of}"
 
 
 def stopwatch(already: float = 0.0) -> Callable[[], float]:

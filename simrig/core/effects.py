@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
 from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.shown import Exhibit, Shown
 
 # metric of a tolerance: the unit in which changes are bounded and add up
 UNITS = {"dE": "dE", "relative": "relative radiance", "psnr": "display rms"}
@@ -186,7 +187,7 @@ def replaced(decisions: Iterable[Decision], effect: str, **changes: Any) -> tupl
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Shown):
     """Which effects a result simulates, and the settings that follow.
 
     Attributes:
@@ -229,6 +230,19 @@ class Plan:
     def settings_line(self) -> str:
         """The settings as one line of text."""
         return ", ".join(f"{key} {_text(value)}" for key, value in self.settings.items())
+
+    def __str__(self) -> str:
+        """Return the effects that are on and the settings, in one line."""
+        on = ", ".join(decision.effect for decision in self.effects if decision.on)
+        return f"{self.tolerance}: {on or 'no effects'}; {self.settings_line}"
+
+    def exhibit(self) -> Exhibit:
+        """Return every effect with its bound and why it is on or off, and the settings."""
+        facts = {
+            decision.effect: f"{'on' if decision.on else 'off'}: {decision.why}"
+            for decision in self.effects
+        }
+        return Exhibit(f"Plan for {self.tolerance}", facts | {"settings": self.settings_line})
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON and file metadata."""

@@ -14,10 +14,10 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 
+from simrig.core.colour import decode_srgb, encode_srgb
 from simrig.core.errors import SimrigError
 from simrig.files.atomic import atomic_write
 from simrig.files.pictures import LARGEST_IMAGE, as_image, read_image
-from simrig.files.pictures.curves import decode_srgb, encode_srgb
 
 __all__ = [
     "LARGEST_IMAGE",

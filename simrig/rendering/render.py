@@ -14,7 +14,10 @@ import numpy as np
 
 from simrig.core import backend
 from simrig.core.cost import Cost
+from simrig.core.effects import Plan
 from simrig.core.errors import SimrigError
+from simrig.core.shown import Exhibit, Shown
+from simrig.files.images import to_srgb8
 from simrig.plugins.make import building
 from simrig.rendering.film import FilmColours, film_colours
 from simrig.rendering.pixel_samples import ControlSamples, pixel_directions
@@ -38,8 +41,8 @@ _WAVEFRONT_LIMIT = 1 << 32  # Dr.Jit counts the elements of an array in 32 bits
 
 
 @dataclass(frozen=True, eq=False)
-class RenderResult:
-    """A rendered picture and what it cost.
+class RenderResult(Shown):
+    """A rendered picture and what it cost; ``np.asarray`` gives the picture.
 
     Attributes:
         image: float32 (height, width, 3), linear RGB radiance, finite.
@@ -50,6 +53,7 @@ class RenderResult:
         integrator: plugin name or class of the integrator.
         variant: Mitsuba variant.
         film: what the film recorded and was made RGB of; empty for a film of RGB.
+        plan: what was simulated and why; None where nothing was planned.
     """
 
     image: np.ndarray
@@ -59,11 +63,56 @@ class RenderResult:
     integrator: str
     variant: str
     film: str = ""
+    plan: Plan | None = None
 
     @property
     def cost(self) -> Cost:
         """The record of the time spent."""
         return Cost(compile_seconds=self.compile_seconds, compute_seconds=self.run_seconds)
+
+    @property
+    def error(self) -> float | None:
+        """How far it is expected to be from the picture with everything simulated.
+
+        In the unit of the plan's tolerance (``plan.tolerance.unit``); None where nothing was
+        planned, or the plan cannot tell.
+        """
+        return None if self.plan is None else self.plan.about.get("expected_error")
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return the picture as an array."""
+        return np.array(self.image, dtype=dtype, copy=copy)
+
+    def __str__(self) -> str:
+        """Return what it is and what it cost, in one line."""
+        height, width = self.image.shape[:2]
+        return (
+            f"{width} × {height} pixels, {self.spp} samples per pixel by {self.integrator}: "
+            f"{self.cost}; error: {self._error_text()}"
+        )
+
+    def exhibit(self) -> Exhibit:
+        """Return the picture, exposed so that it shows well, its cost and its error."""
+        height, width = self.image.shape[:2]
+        lit = bool(np.max(self.image) > 0.0)
+        exposure = display_exposure(self.image) if lit else 1.0
+        facts = {
+            "cost": str(self.cost),
+            "error": self._error_text(),
+            "rendered": f"{self.spp} samples per pixel, {self.integrator}, {self.variant}",
+            "exposure": f"{exposure:.3g}",
+        }
+        picture = to_srgb8(np.maximum(self.image, 0.0), exposure)
+        return Exhibit(f"Picture of {width} × {height} pixels", facts, picture)
+
+    def _error_text(self) -> str:
+        if self.plan is None:
+            return "not known, nothing was planned"
+        if self.error is None:
+            return "not known, see the plan's advice"
+        return (
+            f"{self.error:.3g} {self.plan.tolerance.unit} expected at most, {self.plan.tolerance}"
+        )
 
 
 def load(scene: Any) -> Any:

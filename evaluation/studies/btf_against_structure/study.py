@@ -267,7 +267,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     return {**found, "means": means, "tolerance": config["tolerance"]}
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="btf-against-structure",
     about="A measured BTF beside its true structure: between angles, over distance, in speed.",
     source="a question of our own; BTFs as in thesis sections 1.1.1 and 3.3",

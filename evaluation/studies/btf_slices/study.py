@@ -281,7 +281,7 @@ def _beside_exact(
     return row
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="btf-slices",
     about="Section 6.3.5: BTFs reconstructed from the 168 images of a gantry, failures shown.",
     source="thesis section 6.3.5, Figures 6.17 and 6.18",

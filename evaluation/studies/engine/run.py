@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from simrig.core.errors import SimrigError
+from simrig.core.shown import Exhibit, Shown
 from simrig.evaluation.studies.engine.base import Cell, Config, Study
 from simrig.evaluation.studies.engine.storage import StudyFolder, plain, write_table
 from simrig.files.atomic import atomic_write
+from simrig.files.images import read_image, to_srgb8
 
 PLOTS = "plots"
 _KEPT = "kept"
@@ -22,7 +24,7 @@ Finished = tuple[Cell, list[dict[str, Any]], float]  # cell, rows, seconds
 
 
 @dataclass(frozen=True)
-class StudyResults:
+class StudyResults(Shown):
     """What a study found.
 
     Attributes:
@@ -41,6 +43,25 @@ class StudyResults:
     summary: dict[str, Any]
     run: dict[str, Any]
     files: list[Path]
+
+    def __str__(self) -> str:
+        """Return which study, how much of it is done, and where it is."""
+        return (
+            f"{self.study.name}: {self.run['cells']} cells, {self.run['computed']} computed now, "
+            f"{len(self.rows)} rows, {len(self.files)} files"
+        )
+
+    def exhibit(self) -> Exhibit:
+        """Return what was run, and the first plot."""
+        facts = {
+            "about": self.study.about,
+            "source": self.study.source,
+            "run": str(self),
+            "cost": f"{self.run['cell_seconds']:.3g} s of computing",
+        }
+        plots = [file for file in self.files if file.suffix == ".png"]
+        picture = to_srgb8(read_image(plots[0])) if plots else None
+        return Exhibit(f"Study {self.study.name}", facts, picture)
 
 
 def run_study(

@@ -174,7 +174,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "methods.png"]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="gantry-methods",
     about="Section 6.3.2: gantry methods A, B and BD beside 169 uniform samples.",
     source="thesis section 6.3.2, Figure 6.13",

@@ -117,7 +117,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "polar_angles.png"]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="gantry-polar-angles",
     about="Figure 6.24: which two polar angles a gantry should measure.",
     source="thesis section 6.4.4, Figure 6.24",

@@ -190,7 +190,7 @@ def _curve(panel: Any, means: list[Mapping[str, Any]], value: str, number: int) 
             panel.axhline(mean[value], color=colour, linestyle="--", linewidth=0.8)
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="gantry-slices",
     about="Figure 6.26: polar angles and slices per subspace of a gantry against error and time.",
     source="thesis section 6.4.4, Figure 6.26",

@@ -33,7 +33,7 @@ from simrig.rendering.render import timed
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.measurements.slices import fingerprint
 
-SAMPLES = (168, 435, 1000, 2000, 4000, 8911)
+SAMPLES: tuple[int, ...] = (168, 435, 1000, 2000, 4000, 8911)
 
 _STUDIED: dict[str, Any] = {
     "grid_step_deg": 2.0,
@@ -158,7 +158,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     return summarise_rows(rows, list(config["materials"]))
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="pareto",
     about="What accuracy costs: every method's error over samples, hours, seconds and bytes.",
     source="a question of our own; thesis sections 5.5 and 6.3 compare some of these methods",

@@ -161,7 +161,7 @@ def _cost(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="placement",
     about="Where slices should lie: the best steps for a number of samples.",
     source="thesis sections 5.4.2 and 5.6.4, Eq. 5.3, Tables 5.1 and 5.4, Figs 5.5 and 5.13",

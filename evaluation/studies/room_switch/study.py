@@ -269,7 +269,7 @@ def _pictures(
     return {**found, "range_map": range_picture(range_map_m(resolution))}
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="room-switch",
     about="A room of chairs in BTFs, BRDFs, and switched at the critical viewing distance.",
     source="thesis section 3.3.5, Fig. 3.18, Table 3.4",

@@ -203,7 +203,7 @@ def _both_splines(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="table-5-2",
     about="Table 5.2: adaptive slices against uniform schemes, barycentric and by RBF.",
     source="thesis sections 5.5.2 and D.3, Table 5.2, Fig. 5.8",

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from simrig.core.colour import decode_srgb
 from simrig.core.errors import SimrigError
 from simrig.files.pictures import icc, primaries
-from simrig.files.pictures.curves import decode_srgb
 from simrig.files.pictures.picture import Decoded, check_claim, check_size
 
 MAGIC = b"\xff\xd8\xff"

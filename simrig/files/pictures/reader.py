@@ -105,6 +105,12 @@ def picture_format(path: str | Path) -> str | None:
     return None
 
 
+def names_picture(path: str | Path) -> bool:
+    """Return whether a file's name, by its ending, is that of a picture that is read."""
+    ending = Path(path).suffix.lower()
+    return any(ending in known.suffixes for known in PICTURES.values())
+
+
 def is_picture(path: str | Path) -> bool:
     """Return whether a file is a picture that is read, by its content."""
     return picture_format(path) is not None

@@ -16,8 +16,10 @@ from simrig.brdf.protocol import Brdf, evaluate
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
+from simrig.files.images import to_srgb8
 
 THETAS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # as in thesis Figure 5.2
+_SHOWN_STEP_DEG = 15.0  # of small pictures
 _WHITE_PERCENTILE = 98.0  # of the brightest channel: the few brightest pixels clip
 
 
@@ -79,6 +81,36 @@ def brdf_exposure(picture: np.ndarray, percentile: float = _WHITE_PERCENTILE) ->
     if white <= 0.0:
         white = float(np.max(picture))
     return 1.0 / white if white > 0.0 else 1.0
+
+
+def shown_brdfs(brdfs: Sequence[Brdf]) -> list[np.ndarray]:
+    """Return small pictures of BRDFs, all with the exposure that suits the first.
+
+    Args:
+        brdfs: at least one.
+
+    Returns:
+        uint8 (144, 144, 3) each, sRGB-encoded: polar angles from 0 to 75°, as far as the data go.
+    """
+    thetas = _within(brdfs)
+    pictures = [brdf_picture(brdf, thetas, _SHOWN_STEP_DEG) for brdf in brdfs]
+    exposure = brdf_exposure(pictures[0])
+    return [to_srgb8(picture, exposure) for picture in pictures]
+
+
+def grid_values(brdf: Brdf) -> np.ndarray:
+    """Return f_r on a grid of 15° up to 75°, or as far as the data go.
+
+    Returns:
+        float32 (theta_i, theta_v, phi_i, phi_v, 3), 1/sr.
+    """
+    return _sample(brdf, _within([brdf]), _SHOWN_STEP_DEG)
+
+
+def _within(brdfs: Sequence[Brdf]) -> list[float]:
+    """Return the polar angles of pictures at which all BRDFs have data, in degrees."""
+    end = float(np.degrees(min(brdf.theta_max for brdf in brdfs)))
+    return [theta for theta in THETAS_DEG if theta <= end + 1e-6]
 
 
 def check_thetas(thetas_deg: Sequence[float]) -> np.ndarray:

@@ -19,6 +19,7 @@ from simrig import perception
 from simrig.core.colour import LUMINANCE
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
+from simrig.core.shown import Exhibit, Shown
 from simrig.files.images import as_image, encode_srgb
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class Stimulus:
 
 
 @dataclass(frozen=True)
-class StructureProbe:
+class StructureProbe(Shown):
     """Features of a stimulus, its structure, and what follows.
 
     Attributes:
@@ -81,6 +82,21 @@ class StructureProbe:
     found_mm: dict[str, float]
     distances_m: dict[str, float]
     cost: Cost
+
+    def __str__(self) -> str:
+        """Return the predicted distances in one line."""
+        told = ", ".join(f"{value:.2f} m by {name}" for name, value in self.distances_m.items())
+        return f"critical distance {told} (S = {self.structure_mm:.3g} mm)"
+
+    def exhibit(self) -> Exhibit:
+        """Return the predicted distances, the features and the cost."""
+        facts = {
+            f"critical distance by {name}": f"{value:.2f} m"
+            for name, value in self.distances_m.items()
+        }
+        facts |= {name: f"{value:.4g}" for name, value in self.features.items()}
+        facts |= {"structure": f"{self.structure_mm:.3g} mm", "cost": str(self.cost)}
+        return Exhibit("Critical viewing distance", facts)
 
 
 def probe(stimulus: Stimulus, structure_mm: float | None = None) -> StructureProbe:

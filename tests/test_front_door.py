@@ -1,0 +1,205 @@
+"""``import simrig as sr``: what it offers, that it is light, and the whole path through it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import simrig as sr
+from simrig.brdf import Lambert
+from simrig.btf.synthetic import bumps
+from simrig.core.errors import SimrigError
+from simrig.core.shown import Shown
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def btf() -> sr.Btf:
+    return bumps(resolution=(4, 4))
+
+
+def test_importing_is_light_and_names_are_loaded_when_used() -> None:
+    code = (
+        "import sys, simrig as sr\n"
+        "heavy = {'mitsuba', 'drjit', 'numpy', 'scipy', 'typer', 'simrig.core'}\n"
+        "print(sorted(heavy & set(sys.modules)), 'measure' in dir(sr))\n"
+        "sr.SimrigError\n"
+        "print(sorted({'mitsuba', 'drjit'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "[] True\n[]\n", done.stderr
+
+
+def test_type_checkers_see_the_names_that_there_are() -> None:
+    """The stub and the table of homes say the same, and every name is there and documented."""
+    tree = ast.parse((ROOT / "simrig" / "__init__.pyi").read_text())
+    stub = {
+        alias.asname: (node.module, alias.name)
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    homes = {name: (home, sr._HOME_NAME.get(name, name)) for name, home in sr._HOME.items()}
+    assert stub == homes
+    assert {"__version__", *stub} == set(sr.__all__)
+    for name in homes:
+        item = getattr(sr, name)
+        assert inspect.getdoc(item), name
+        if inspect.isfunction(item):
+            assert "Raises:" in inspect.getdoc(item) or name == "materials", name
+            assert all(
+                parameter.annotation is not parameter.empty
+                for parameter in inspect.signature(item).parameters.values()
+            ), name
+    with pytest.raises(AttributeError, match="no attribute 'view'"):
+        _ = sr.view
+
+
+def test_what_is_read_is_told_by_content(tmp_path: Path, btf: sr.Btf) -> None:
+    satin = sr.load("yellow_satin")
+    assert isinstance(satin, sr.Brdf)
+    assert sr.load("leather_tan").name == "leather_tan"
+    path = sr.save(satin, tmp_path / "satin.h5")
+    again = sr.load(path)
+    np.testing.assert_array_equal(np.asarray(again), np.asarray(satin))
+    assert isinstance(sr.load(sr.save(btf, tmp_path / "bumps.h5")), sr.Btf)
+    assert set(sr.materials()) > {"lambert", "fabric112", "leather_tan"}
+
+
+def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    sr.save(sr.load("lambert"), path)
+    before = path.read_bytes()
+    with pytest.raises(SimrigError, match="exists"):
+        sr.save(sr.load("ward"), path)
+    assert path.read_bytes() == before
+    sr.save(sr.load("ward"), path, overwrite=True)
+    assert sr.load(path).name == "ward"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: sr.load("yelow_satin"), "did you mean 'yellow_satin'"),
+        (lambda: sr.load("leather_tam"), "did you mean 'leather_tan'"),
+        (lambda: sr.load("no.h5"), "no file 'no.h5'|'no.h5'"),
+        (lambda: sr.save(3, "a.h5"), "what can be saved"),
+        (lambda: sr.measure("leather_tan"), "measure its BTF"),
+        (lambda: sr.measure(3), "a BRDF is needed, got int"),
+        (lambda: sr.compare("lambert", np.zeros((16, 16, 3))), "not one of each"),
+        (lambda: sr.compare("lambert", "ward", exposure=2.0), "has no exposure"),
+        (lambda: sr.scene("spere", "lambert"), "did you mean 'sphere'"),
+        (lambda: sr.scene("sphere", "lambert", resolutoin=3), "did you mean 'resolution'"),
+        (lambda: sr.scene("sphere", "lambert", scale=3.0), "scale is that of a BTF"),
+        (lambda: sr.render({"type": "scene"}, spp=1, tolerance="dE=1"), "replace the plan"),
+        (lambda: sr.critical_distance("a.png"), "how wide it is"),
+        (lambda: sr.critical_distance("fabric112"), "no structure to see"),
+        (lambda: sr.critical_distance("twill_blu"), "did you mean 'twill_blue'"),
+        (lambda: sr.critical_distance("twill_blue", size_mm=4.0), "only a picture needs it"),
+        (lambda: sr.study("tabel-5-3"), "did you mean 'table-5-3'"),
+        (lambda: sr.pareto("fabric112", methods=["slises"]), "did you mean 'slices'"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(call, message: str) -> None:
+    with pytest.raises(SimrigError, match=message) as refused:
+        call()
+    assert "\n" not in str(refused.value)
+
+
+def test_the_example_of_the_door(tmp_path: Path) -> None:
+    satin = sr.load("yellow_satin")
+    scan = sr.measure(satin, samples=3230)
+    assert scan.cost.samples == 3230
+    assert "3,230 samples, 11 h of simulated hardware" in str(scan.cost)
+    ours = sr.reconstruct(scan, method="slices")
+    found = sr.compare(satin, ours, step_deg=10)
+    assert 0.0 < found.mre < 30.0
+    assert f"MRE {found.mre:.4g} %" in str(found)
+    truth, image = (sr.render(sr.scene("sphere", m), spp=16) for m in (satin, ours))
+    seen = sr.compare(truth, image)
+    assert seen.delta_e == sr.compare(truth.image, np.asarray(image)).delta_e > 0.0
+    sr.save(ours, tmp_path / "satin.h5")
+    sr.save(image, tmp_path / "satin.exr")
+    assert sr.compare(truth, tmp_path / "satin.exr").delta_e == seen.delta_e
+    assert sr.compare("yellow_satin", tmp_path / "satin.h5", step_deg=10).mre == found.mre
+
+
+@pytest.mark.usefixtures("in_empty_folder")
+def test_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert len([line for line in block.splitlines() if line.strip()]) == 12
+    exec(compile(block, "README.md", "exec"), {})
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith("8,911 samples, 25.5 h of simulated hardware")
+    assert [line.split()[0] for line in printed[1:]] == ["MRE", "128", "CIE"]
+    assert Path("ours.h5").is_file() and Path("ours.exr").is_file()
+
+
+def test_a_render_says_its_cost_and_its_error() -> None:
+    scene = sr.scene("sphere", "fabric112", resolution=32)
+    by_hand = sr.render(scene, spp=4)
+    assert (by_hand.plan, by_hand.error) == (None, None)
+    planned = sr.render(scene, tolerance="dE=1")
+    assert planned.image.shape == (32, 32, 3)
+    assert 0.0 <= planned.error <= 1.0
+    assert planned.cost.compute_seconds > 0.0
+    plan = sr.plan(scene, "dE=1", enable=["inter-reflection"])
+    assert plan.on("inter-reflection")
+    assert sr.render(scene, plan=plan).plan is plan
+
+
+def test_a_btf_renders_at_its_scale(btf: sr.Btf) -> None:
+    with pytest.raises(SimrigError, match="needs its scale"):
+        sr.scene("sphere", btf)
+    seen = sr.render(sr.scene("sphere", btf, scale=200.0, resolution=32), spp=4)
+    flat = sr.render(sr.scene("sphere", sr.average(btf), resolution=32), spp=4)
+    assert np.ptp(seen.image[14:18, 14:18, 0]) > 2.0 * np.ptp(flat.image[14:18, 14:18, 0])
+
+
+def shown() -> list[Shown]:
+    truth, other = sr.load("fabric112"), sr.load("lambert")
+    scene = sr.scene("sphere", "fabric112", resolution=16)
+    pictures = [sr.render(scene, spp=1), sr.render(scene, spp=2)]
+    return [
+        truth,
+        pictures[0],
+        sr.plan(scene),
+        sr.compare(truth, other, step_deg=20),
+        sr.compare(*pictures),
+    ]
+
+
+def test_results_show_themselves_in_a_notebook(btf: sr.Btf) -> None:
+    for item in [*shown(), btf]:
+        text, png = item._repr_html_(), item._repr_png_()
+        assert text.startswith("<div>") and text.count("<") == text.count(">"), type(item)
+        assert len(text) < 300_000
+        assert png is None or png.startswith(b"\x89PNG")
+        assert (png is None) == ("<img" not in text)
+        assert "\n" not in str(item) or item is btf or isinstance(item, sr.Brdf)
+
+
+def test_what_is_shown_is_escaped() -> None:
+    lambert = Lambert(name="<script>alert('a')</script>")
+    assert "<script" not in lambert._repr_html_()
+    assert "&lt;script&gt;" in lambert._repr_html_()
+
+
+def test_results_are_numpy_arrays(btf: sr.Btf) -> None:
+    picture = sr.render(sr.scene("sphere", "lambert", resolution=16), spp=1)
+    np.testing.assert_array_equal(np.asarray(picture), picture.image)
+    assert np.asarray(picture, dtype=np.float64).dtype == np.float64
+    assert np.asarray(btf).shape == btf.values.shape
+    grid = np.asarray(sr.load("lambert"))
+    assert grid.shape == (6, 6, 24, 24, 3)
+    assert np.ptp(grid) == 0.0
+    found = sr.compare("lambert", "ward", step_deg=20)
+    np.testing.assert_array_equal(np.asarray(found), [found.mre, found.rmse, found.log_psnr])
