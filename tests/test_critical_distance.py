@@ -291,7 +291,7 @@ def test_the_distance_of_a_picture_and_of_a_btf(tmp_path: Path) -> None:
 
 def test_bad_distances_are_refused(tmp_path: Path) -> None:
     write_png(tmp_path / "cloth.png", striped(2.5))
-    assert "is a picture: say with size_mm (--size-mm)" in refusal("distance", tmp_path / "cloth.png")
+    assert "is a picture: say with size_mm" in refusal("distance", tmp_path / "cloth.png")
     assert "--size-mm" in refusal("distance", "twill_blue", "--size-mm", "4")
     assert "did you mean 'twill_blue'" in refusal("distance", "twil_blue")
     assert "no" in refusal("distance", tmp_path / "missing.h5")
