@@ -7,8 +7,10 @@ import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:  # the command line shows its help without NumPy
+    import numpy as np
 
 _LARGEST = 512  # pixels of the longer side; larger pictures are thinned
 
@@ -62,6 +64,7 @@ def png_bytes(picture: np.ndarray) -> bytes:
     Args:
         picture: uint8 (height, width, 3), sRGB-encoded.
     """
+    import numpy as np
     from matplotlib.image import imsave
 
     step = -(-max(picture.shape[:2]) // _LARGEST)
@@ -77,6 +80,8 @@ def beside(pictures: list[np.ndarray], gap: int = 4) -> np.ndarray:
         pictures: uint8 (height, width, 3) each.
         gap: white pixels between two.
     """
+    import numpy as np
+
     white = np.full((pictures[0].shape[0], gap, 3), 255, dtype=np.uint8)
     parts = [part for picture in pictures for part in (white, picture)]
     return np.concatenate(parts[1:], axis=1)
