@@ -220,6 +220,6 @@ def test_expected_seconds_stand_beside_measured_ones(low_light: Ablation) -> Non
     samples = everything / plan.settings["spp"]
     for effect in ("shadowing", "inter-reflection"):
         expected = row(low_light, effect).expected
-        assert expected == pytest.approx(costs[effect] * samples) and expected > 0.0
+        assert expected == pytest.approx(costs[effect] * samples)
     assert "expected" in ablation_tables(low_light)[0]
     assert row(low_light, "plan").expected is None

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rich import box
-from rich.table import Table
-
+from simrig.core.tables import text_table
 from simrig.evaluation.ablation.run import Ablation, Row
 
 _COLUMNS = ("bound", "changed", "noise", "ΔE mean", "ΔE max", "PSNR [dB]", "relative")
@@ -25,14 +23,8 @@ def ablation_tables(result: Ablation) -> list[Any]:
         f"{result.plan.about['render_s']:.2g} s"
     )
     title = f"what each effect changes [{unit}]; noise: what it would be without any change"
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-    for name in ("effect", "", "plan"):
-        table.add_column(name)
-    for name in (*_COLUMNS, *_SECONDS):
-        table.add_column(name, justify="right")
-    table.add_column("note")
-    for row in result.rows:
-        table.add_row(*_cells(row))
+    columns = ("effect", "", "plan", *_COLUMNS, *_SECONDS, "note")
+    table = text_table(title, columns, map(_cells, result.rows), left=(0, 1, 2, -1))
     return [before, table, _verdict(result)]
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from simrig.core import backend
 from simrig.core.errors import SimrigError
-from simrig.evaluation.benchmarks.timing import text_table
+from simrig.core.tables import text_table
 from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
 from simrig.files.load import load_material
 from simrig.planning import plan_scene, planned_integrator, planned_render

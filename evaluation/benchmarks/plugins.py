@@ -23,7 +23,8 @@ from simrig.brdf import Brdf, Ward, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError
-from simrig.evaluation.benchmarks.timing import side_by_side, text_table
+from simrig.core.tables import text_table
+from simrig.evaluation.benchmarks.timing import side_by_side, stage_of
 from simrig.evaluation.metrics.images import delta_e_map
 from simrig.files.rgl.writer import write_rgl
 from simrig.plans.placement import optimal_placement
@@ -69,7 +70,7 @@ def run(
         combinations = [(s, i) for s in SCENES for i in INTEGRATORS]
         for number, (scene, integrator) in enumerate(combinations):
             label = f"{scene}, {integrator}"
-            advance = _shifted(progress, number, len(combinations), label)
+            advance = stage_of(progress, number, len(combinations), label)
             rows += _cell(scene, integrator, materials, sizes, resolution, spp, rounds, advance)
     return {
         "benchmark": "plugins",
@@ -173,14 +174,6 @@ def _cell(
             }
         )
     return rows
-
-
-def _shifted(
-    progress: Callable[..., None] | None, number: int, count: int, label: str
-) -> Callable[..., None] | None:
-    if progress is None:
-        return None
-    return lambda done, total, stage="": progress(number + done / total, count, f"{label}: {stage}")
 
 
 def table(results: dict[str, Any]) -> Any:

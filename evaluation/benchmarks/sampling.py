@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf import kurt_material
-from simrig.evaluation.benchmarks.timing import side_by_side, text_table
+from simrig.core.tables import text_table
+from simrig.evaluation.benchmarks.timing import side_by_side
 from simrig.plans.adaptive import AdaptiveSamples
 from simrig.plans.placement import SlicePlacement
 from simrig.plans.slices import MIRRORED, OPEN, PERIODIC, build_slices

@@ -16,7 +16,7 @@ import numpy as np
 from simrig.brdf import kurt_material
 from simrig.brdf.tables.grid import to_dense
 from simrig.core import backend
-from simrig.evaluation.benchmarks.timing import text_table
+from simrig.core.tables import text_table
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct

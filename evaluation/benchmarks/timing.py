@@ -133,15 +133,3 @@ def stage_of(
     if progress is None:
         return None
     return lambda done, total, stage="": progress(number + done / total, count, f"{label}: {stage}")
-
-
-def text_table(title: str, columns: list[str], rows: list[list[str]]) -> Any:
-    """Return a table for the terminal, the first column left-aligned."""
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left")
-    for index, column in enumerate(columns):
-        table.add_column(column, justify="left" if index == 0 else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table

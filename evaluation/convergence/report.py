@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from rich import box
-from rich.table import Table
 
+from simrig.core.tables import text_table
 from simrig.evaluation.convergence.results import Convergence, Point
 from simrig.files.atomic import atomic_write
 from simrig.viewing.plots import (
@@ -26,6 +25,7 @@ from simrig.viewing.plots import (
 )
 
 _NO_RATES = "too few numbers of samples to fit how fast the noise falls: raise --budget-seconds"
+_METHOD = ("integrator", "sampler")
 _LABELS = {"dE": "mean ΔE", "psnr": "displayed RMS [steps of 255]", "relative": "relative error"}
 
 
@@ -52,33 +52,24 @@ def _front(points: Sequence[Point]) -> list[Point]:
     return [points[index] for index in front]
 
 
-def _settings_table(points: Sequence[Point], every: bool) -> Table:
+def _settings_table(points: Sequence[Point], every: bool) -> Any:
     title = "all settings" if every else "settings that none beats in both error and time"
     columns = ("spp", "ΔE", "relative RMSE", "of that noise", "bias", "PSNR [dB]")
-    table = _table(title, ("integrator", "sampler"), (*columns, "compile [s]", "run [s]"))
+    rows = []
     for p in points:
         errors = (f"{v:.3g}" for v in (p.delta_e, p.relative_rmse, p.noise, p.bias))
         seconds = (f"{p.compile_seconds:.2f}", f"{p.run_seconds:.4f}")
-        table.add_row(p.integrator, p.sampler, str(p.spp), *errors, f"{p.psnr:.1f}", *seconds)
-    return table
+        rows.append((p.integrator, p.sampler, p.spp, *errors, f"{p.psnr:.1f}", *seconds))
+    return text_table(title, (*_METHOD, *columns, "compile [s]", "run [s]"), rows, left=(0, 1))
 
 
-def _rates_table(result: Convergence) -> Table:
-    columns = ("slope", "standard error", "points")
-    table = _table("noise ∝ spp^slope (−0.5: Monte Carlo)", ("integrator", "sampler"), columns)
-    for rate in result.rates:
-        numbers = (f"{rate.slope:.3f}", f"{rate.standard_error:.3f}", str(rate.points))
-        table.add_row(rate.integrator, rate.sampler, *numbers)
-    return table
-
-
-def _table(title: str, names: Sequence[str], numbers: Sequence[str]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-    for name in names:
-        table.add_column(name)
-    for number in numbers:
-        table.add_column(number, justify="right")
-    return table
+def _rates_table(result: Convergence) -> Any:
+    rows = (
+        (r.integrator, r.sampler, f"{r.slope:.3f}", f"{r.standard_error:.3f}", r.points)
+        for r in result.rates
+    )
+    title = "noise ∝ spp^slope (−0.5: Monte Carlo)"
+    return text_table(title, (*_METHOD, "slope", "standard error", "points"), rows, left=(0, 1))
 
 
 def _verdict(result: Convergence) -> str:

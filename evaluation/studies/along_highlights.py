@@ -27,6 +27,7 @@ import numpy as np
 
 from simrig.brdf import KURT_MATERIALS
 from simrig.brdf.protocol import Brdf
+from simrig.core.tables import text_table
 from simrig.evaluation.metrics.images import displayed, psnr_from_mse
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
@@ -195,34 +196,30 @@ def _means(rows: Sequence[Row], keys: tuple[str, ...]) -> list[dict[str, Any]]:
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as tables for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
-    flat = Table(title="PSNR of subspaces in dB: 5.3, along highlights, and the gain")
-    for name in (
-        "slices of a kind",
-        "5.3",
-        "along-highlights",
-        "gain",
-        "better in",
-        "loss",
-        "gain of",
-    ):
-        flat.add_column(name, justify="right")
+    rows = []
     for count, own in summary["subspaces"].items():
         means = (f"{own[key]:.1f}" for key in ("mean_former", "mean_along_highlights", "mean_gain"))
         share = f"{own['better']} of {own['count']}"
         ends = (_where(own[key]) for key in ("largest_loss", "largest_gain"))
-        flat.add_row(count, *means, share, *ends)
-    whole = Table(title="MRE of the whole BRDF in percent: D.1 → along highlights")
-    whole.add_column("material")
-    for samples in summary["whole"]:
-        whole.add_column(f"{int(samples):,} samples", justify="right")
+        rows.append((count, *means, share, *ends))
+    flat = text_table(
+        "PSNR of subspaces in dB: 5.3, along highlights, and the gain",
+        ("slices of a kind", "5.3", "along-highlights", "gain", "better in", "loss", "gain of"),
+        rows,
+        left=(),
+    )
     plans = list(summary["whole"].values())
-    for rows in zip(*(plan["rows"] for plan in plans), strict=True):
-        whole.add_row(rows[0]["material"], *(_change(**row) for row in rows))
-    whole.add_section()
     means = (_change(plan["mean_former"], plan["mean_along_highlights"]) for plan in plans)
-    whole.add_row("mean", *means)
+    whole = text_table(
+        "MRE of the whole BRDF in percent: D.1 → along highlights",
+        ("material", *(f"{int(samples):,} samples" for samples in summary["whole"])),
+        (
+            (own[0]["material"], *(_change(**row) for row in own))
+            for own in zip(*(plan["rows"] for plan in plans), strict=True)
+        ),
+        below=[("mean", *means)],
+    )
     told = summary["published"]
     line = (
         f"published (5.7): {told['materials']} of {told['materials']} anisotropic materials gain "

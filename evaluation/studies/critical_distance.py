@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.mesostructure import PRESETS as MATERIALS
 from simrig.mesostructure import build_tile
@@ -150,30 +151,39 @@ def _fit(feature: str, rows: Sequence[Row]) -> dict[str, Any]:
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as tables for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
-    groups = Table(title="critical viewing distance in metres, means of the groups")
-    for column in ("group", "materials", "S / mm", "published", "by SSIM", "by saliency"):
-        groups.add_column(column, justify="left" if column == "group" else "right")
-    for row in summary["groups"]:
-        distances = [f"{row[key]:.1f}" for key in ("published_m", "ssim_m", "saliency_m")]
-        size = f"{row['structure_mm']:.2f}"
-        groups.add_row(row["group"], str(row["materials"]), size, *distances)
+    distances = ("published_m", "ssim_m", "saliency_m")
+    groups = text_table(
+        "critical viewing distance in metres, means of the groups",
+        ("group", "materials", "S / mm", "published", "by SSIM", "by saliency"),
+        (
+            (
+                row["group"],
+                row["materials"],
+                f"{row['structure_mm']:.2f}",
+                *(f"{row[key]:.1f}" for key in distances),
+            )
+            for row in summary["groups"]
+        ),
+    )
     ratio, spread = summary["found_over_given"], summary["found_spread"]
     found = f"S found in the spectrum over the given one: median {ratio:.2f}, spread × {spread:.2f}"
     if not summary["fits"]:
         return Group(groups, found)
-    fits = Table(title="fitted to the published distances of the groups, E = k_1 + k_2·S·F")
-    for column in ("feature", "r (published)", "k_1", "k_2", "left out: error / m"):
-        fits.add_column(column, justify="left" if column == "feature" else "right")
-    for name, fit in summary["fits"].items():
-        fits.add_row(
-            name,
-            f"{fit['correlation']:.3f} ({fit['published_correlation']:.3f})",
-            f"{fit['k_1']:.3f} ± {fit['k_1_std']:.3f}",
-            f"{fit['k_2']:.3f} ± {fit['k_2_std']:.3f}",
-            f"{fit['left_out_error_m']:.2f}",
-        )
+    fits = text_table(
+        "fitted to the published distances of the groups, E = k_1 + k_2·S·F",
+        ("feature", "r (published)", "k_1", "k_2", "left out: error / m"),
+        (
+            (
+                name,
+                f"{fit['correlation']:.3f} ({fit['published_correlation']:.3f})",
+                f"{fit['k_1']:.3f} ± {fit['k_1_std']:.3f}",
+                f"{fit['k_2']:.3f} ± {fit['k_2_std']:.3f}",
+                f"{fit['left_out_error_m']:.2f}",
+            )
+            for name, fit in summary["fits"].items()
+        ),
+    )
     return Group(groups, found, fits, "flip stands where the thesis has VDP2")
 
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.gantry.trials import (
     ERRORS,
@@ -104,19 +105,16 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
     methods = list(summary["means"])
-    shown = Table(title=" / ".join(ERRORS.values()))
-    shown.add_column("material")
-    for method in methods:
-        shown.add_column(method.upper(), justify="right")
+    columns = ("material", *(method.upper() for method in methods))
+    rows = []
     for name in dict.fromkeys(row["file"] for row in summary["rows"]):
         own = {row["method"]: row for row in summary["rows"] if row["file"] == name}
-        shown.add_row(name, *(error_text(own[method]) for method in methods))
-    shown.add_section()
-    shown.add_row("mean", *(error_text(summary["means"][method]) for method in methods))
-    shown.add_row("cost, to rebuild", *(cost_text(summary["means"][m]) for m in methods))
+        rows.append((name, *(error_text(own[method]) for method in methods)))
+    means = ("mean", *(error_text(summary["means"][method]) for method in methods))
+    costs = ("cost, to reconstruct", *(cost_text(summary["means"][m]) for m in methods))
+    shown = text_table(" / ".join(ERRORS.values()), columns, rows, below=[means, costs])
     published = " / ".join(f"{value:g}" for value in summary["published"].values())
     lines = [f"published, mean over 55 other materials (MERL): {published}"]
     if summary["absent"]:

@@ -25,6 +25,7 @@ import numpy as np
 
 from simrig.core import backend
 from simrig.core.effects import Plan, Tolerance
+from simrig.core.tables import text_table
 from simrig.evaluation.ablation.pictures import Pictures
 from simrig.evaluation.ablation.run import effect_rows, plan_row, planned_render_row
 from simrig.evaluation.benchmarks import planned
@@ -230,20 +231,17 @@ def _summary(rows: Sequence[dict[str, Any]], checks: Sequence[dict[str, Any]]) -
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
     values = list(dict.fromkeys(row["tolerance"] for row in summary["rows"]))
-    shown = Table(title="planned renders: ΔE (spp, time saved); ! missed, ? reference too noisy")
-    for name in ("scene", "material", "reference ±ΔE"):
-        shown.add_column(name)
-    for value in values:
-        shown.add_column(f"tolerance {value:g}", justify="right")
-    shown.add_column("planning [s]", justify="right")
+    columns = ["scene", "material", "reference ±ΔE", *(f"tolerance {v:g}" for v in values)]
+    rows = []
     for scene, material in dict.fromkeys((r["scene"], r["material"]) for r in summary["rows"]):
         cell = [r for r in summary["rows"] if (r["scene"], r["material"]) == (scene, material)]
         planning = max(row["planning_seconds"] for row in cell)
         known = f"{max(row['reference_error'] for row in cell):.3f}"
-        shown.add_row(scene, material, known, *map(_text, cell), f"{planning:.2f}")
+        rows.append((scene, material, known, *map(_text, cell), f"{planning:.2f}"))
+    title = "planned renders: ΔE (spp, time saved); ! missed, ? reference too noisy"
+    shown = text_table(title, [*columns, "planning [s]"], rows, left=(0, 1))
     lines = [
         f"direct light only, {one['scene']}: planned {one['seconds']:.4f} s, written by hand "
         f"{one['minimal_seconds']:.4f} s, ratio {one['ratio']:.2f}"

@@ -26,6 +26,7 @@ from typing import Any
 from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.brdf.tables.grid import to_dense
 from simrig.core.cost import stopwatch
+from simrig.core.tables import text_table
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.plans.placement import SlicePlacement
@@ -109,27 +110,22 @@ def _row(material: str, case: str, step_deg: float) -> dict[str, Any]:
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as tables for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
-    def make(title: str, rows: list[dict[str, Any]]) -> Table:
-        shown = Table(title=title)
-        shown.add_column("material")
+    def make(title: str, rows: list[dict[str, Any]]) -> Any:
+        columns = ["material"]
         for case, (samples, e_s, a_s, types) in CASES.items():
             kinds = "all slices" if types == "all" else "axial + diagonal"
             hours = {r["hardware_hours"] for r in rows if r["case"] == case}
-            shown.add_column(
+            columns.append(
                 f"({case}) {kinds}\n{samples:,} samples, {max(hours, default=0.0):.0f} h\n"
-                f"{e_s:g}°/{a_s:g}°: published, ours, ratio (one pole)",
-                justify="right",
+                f"{e_s:g}°/{a_s:g}°: published, ours, ratio (one pole)"
             )
-        names = list(dict.fromkeys(row["material"] for row in rows))
-        for name in names:
-            cells = {row["case"]: row for row in rows if row["material"] == name}
-            shown.add_row(name, *(_text(**cells[case]) for case in CASES if case in cells))
+        cells = []
+        for name in dict.fromkeys(row["material"] for row in rows):
+            own = {row["case"]: row for row in rows if row["material"] == name}
+            cells.append((name, *(_text(**own[case]) for case in CASES if case in own)))
         means = [_means([r for r in rows if r["case"] == case]) for case in CASES]
-        shown.add_section()
-        shown.add_row("mean", *means)
-        return shown
+        return text_table(title, columns, cells, below=[("mean", *means)])
 
     parts = [make("MRE [%], Table D.1 as printed", summary["rows"])]
     if summary["rescaled_rows"]:

@@ -291,22 +291,15 @@ def plain(value: Any) -> Any:
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: str = "") -> Any:
     """Return a rich table; cells are shown as they are, numbers right-aligned."""
-    from rich import box
-    from rich.table import Table
+    from simrig.core.tables import text_table
 
-    made = Table(box=box.SIMPLE_HEAD, title=title or None, title_justify="left", pad_edge=False)
-    for index, column in enumerate(columns):
-        numeric = bool(rows) and all(isinstance(row[index], int | float) for row in rows)
-        made.add_column(column, justify="right" if numeric else "left", overflow="fold")
-    for row in rows:
-        made.add_row(*(_cell(value) for value in row))
-    return made
-
-
-def _cell(value: Any) -> Any:
-    from rich.text import Text  # plain text: a bracket in a cell is no markup
-
-    return Text(f"{value:.4g}" if isinstance(value, float) else str(value))
+    numeric = (
+        bool(rows) and all(isinstance(row[index], int | float) for row in rows)
+        for index in range(len(columns))
+    )
+    return text_table(
+        title, columns, rows, left=[i for i, right in enumerate(numeric) if not right]
+    )
 
 
 @contextmanager

@@ -19,8 +19,8 @@ from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.core.effects import DEFAULT_TOLERANCE, parse_tolerance
 from simrig.core.errors import SimrigError
+from simrig.core.tables import text_table
 from simrig.directions.schemes import scheme
-from simrig.evaluation.benchmarks.timing import text_table
 from simrig.mesostructure import build_tile
 from simrig.rigs.btf.bounces import plan_bounces
 from simrig.rigs.btf.camera import TileCamera

@@ -28,6 +28,7 @@ from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
 from simrig.core import backend
 from simrig.core.errors import SimrigError
+from simrig.core.tables import text_table
 from simrig.directions.schemes import scheme
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.benchmarks.btf.scenes import (
@@ -40,7 +41,7 @@ from simrig.evaluation.benchmarks.btf.scenes import (
     cylinder,
     patch,
 )
-from simrig.evaluation.benchmarks.timing import one_alive, stage_of, text_table
+from simrig.evaluation.benchmarks.timing import one_alive, stage_of
 from simrig.evaluation.metrics.images import delta_e_map
 from simrig.mesostructure import build_tile
 from simrig.plans.gantry import GantryPlan

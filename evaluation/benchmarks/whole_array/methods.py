@@ -17,7 +17,8 @@ from scipy.interpolate import RBFInterpolator
 from simrig.brdf import kurt_material
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
-from simrig.evaluation.benchmarks.timing import side_by_side, text_table
+from simrig.core.tables import text_table
+from simrig.evaluation.benchmarks.timing import side_by_side
 from simrig.evaluation.benchmarks.whole_array.jobs import (
     Job,
     barycentric_jobs,

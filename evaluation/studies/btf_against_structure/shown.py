@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Row
 from simrig.evaluation.studies.engine.pictures import PICTURE, draw_sheet
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
@@ -16,31 +17,28 @@ _STRUCTURE, _DIFFERENCE = "structure", "difference"
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as tables for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
-    angle = Table(title="BTF against structure, ΔE / PSNR [dB] / SSIM")
-    for column in ("material", "θ_i/θ_v/φ_i/φ_v", "m", "measured", "full", "factored", "noise ΔE"):
-        angle.add_column(column, justify="left" if column == "material" else "right")
-    for lines in _by_sight([*summary["angle"], *summary["distance"]]):
-        first = lines["full"]
-        angle.add_row(
-            first["material"],
-            _angles(first),
-            f"{first['distance_m']:g}",
-            "yes" if first["measured"] else "between",
+    sights = (
+        (
+            lines["full"]["material"],
+            _angles(lines["full"]),
+            f"{lines['full']['distance_m']:g}",
+            "yes" if lines["full"]["measured"] else "between",
             *(_errors(lines[form]) for form in ("full", "factored")),
-            f"{first['noise_delta_e']:.2f}",
+            f"{lines['full']['noise_delta_e']:.2f}",
         )
-    angle.add_section()
-    for mean in summary["means"]:
-        text = "measured" if mean["measured"] else "between"
-        angle.add_row(f"mean, {mean['form']}", "", "0.6", text, _errors(mean), "", "")
-    far = Table(title="Far field: mean radiance over one period, ABRDF · cos θ_i = 1")
-    columns = ("material", "θ_i/θ_v/φ_i/φ_v", "BTF off", "perspective", "structure off", "errors")
-    for column in columns:
-        far.add_column(column, justify="left" if column == "material" else "right")
-    for row in summary["far"]:
-        far.add_row(
+        for lines in _by_sight([*summary["angle"], *summary["distance"]])
+    )
+    means = (
+        (
+            f"mean, {mean['form']}",
+            *("", "0.6", "measured" if mean["measured"] else "between"),
+            *(_errors(mean), "", ""),
+        )
+        for mean in summary["means"]
+    )
+    far = (
+        (
             row["material"],
             _angles(row),
             f"{100 * row['btf_off']:+.4f} %",
@@ -48,12 +46,10 @@ def table(summary: Mapping[str, Any]) -> Any:
             f"{100 * row['structure_off']:+.2f} ± {100 * row['standard_error']:.2f} %",
             f"{row['structure_off_errors']:+.1f}",
         )
-    speed = Table(title="Speed, same picture, by the time of the kernels")
-    for column in ("material", "form", "light", "M/s", "÷ structure", "kernels [s]", "first [s]"):
-        speed.add_column(column, justify="left" if column == "material" else "right")
-    speed.add_column("MiB", justify="right")
-    for row in summary["speed"]:
-        speed.add_row(
+        for row in summary["far"]
+    )
+    speed = (
+        (
             row["material"],
             row["form"],
             row["integrator"],
@@ -63,7 +59,27 @@ def table(summary: Mapping[str, Any]) -> Any:
             f"{row['first_seconds']:.2f}",
             f"{row['bytes'] / 2**20:.2f}",
         )
-    return Group(angle, far, speed)
+        for row in summary["speed"]
+    )
+    sight = ("material", "θ_i/θ_v/φ_i/φ_v")
+    return Group(
+        text_table(
+            "BTF against structure, ΔE / PSNR [dB] / SSIM",
+            (*sight, "m", "measured", "full", "factored", "noise ΔE"),
+            sights,
+            below=means,
+        ),
+        text_table(
+            "Far field: mean radiance over one period, ABRDF · cos θ_i = 1",
+            (*sight, "BTF off", "perspective", "structure off", "errors"),
+            far,
+        ),
+        text_table(
+            "Speed, same picture, by the time of the kernels",
+            ("material", "form", "light", "M/s", "÷ structure", "kernels [s]", "first [s]", "MiB"),
+            speed,
+        ),
+    )
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.evaluation.benchmarks.timing import text_table
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Config, Row
 from simrig.evaluation.studies.engine.pictures import PICTURE, draw_sheet
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure

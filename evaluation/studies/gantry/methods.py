@@ -22,6 +22,7 @@ from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, Brdf, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.cost import stopwatch
+from simrig.core.tables import text_table
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.gantry.trials import (
@@ -131,19 +132,16 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
     methods = list(summary["means"])
-    shown = Table(title=" / ".join(ERRORS.values()))
-    shown.add_column("material")
-    for method in methods:
-        shown.add_column(method if method in UNIFORM else method.upper(), justify="right")
+    columns = ("material", *(m if m in UNIFORM else m.upper() for m in methods))
+    rows = []
     for name in summary["materials"]:
         own = {row["method"]: row for row in summary["rows"] if row["material"] == name}
-        shown.add_row(name, *(error_text(own[method]) for method in methods))
-    shown.add_section()
-    shown.add_row("mean", *(error_text(summary["means"][method]) for method in methods))
-    shown.add_row("cost, to rebuild", *(cost_text(summary["means"][m]) for m in methods))
+        rows.append((name, *(error_text(own[method]) for method in methods)))
+    means = ("mean", *(error_text(summary["means"][method]) for method in methods))
+    costs = ("cost, to reconstruct", *(cost_text(summary["means"][m]) for m in methods))
+    shown = text_table(" / ".join(ERRORS.values()), columns, rows, below=[means, costs])
     published = summary["published_gain"]
     lines = [
         f"{name} against uniform samples: published "

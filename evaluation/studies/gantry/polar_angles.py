@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from simrig.brdf import kurt_material
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.gantry.trials import (
     ERRORS,
@@ -88,16 +89,18 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
-    shown = Table(title="two polar angles of a gantry, best first")
-    shown.add_column("θ [°]")
-    shown.add_column("published")
-    shown.add_column(f"ours: {' / '.join(ERRORS.values())}", justify="right")
     places = {pair: f"{k + 1}." for k, pair in enumerate(summary["published_order"])}
-    for mean in summary["means"]:
-        shown.add_row(mean["pair"], places.get(mean["pair"], ""), error_text(mean))
-    cost = f"each: {cost_text(summary['cost'])} to rebuild"
+    shown = text_table(
+        "two polar angles of a gantry, best first",
+        ("θ [°]", "published", f"ours: {' / '.join(ERRORS.values())}"),
+        (
+            (mean["pair"], places.get(mean["pair"], ""), error_text(mean))
+            for mean in summary["means"]
+        ),
+        left=(0, 1),
+    )
+    cost = f"each: {cost_text(summary['cost'])} to reconstruct"
     return Group(shown, f"means over {', '.join(summary['materials'])}", cost)
 
 

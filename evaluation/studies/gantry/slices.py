@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from simrig.brdf import kurt_material
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.gantry.polar_angles import ANISOTROPIC
 from simrig.evaluation.studies.gantry.trials import Picture, gantry_trial, mean_errors
@@ -117,13 +118,9 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
-    from rich.table import Table
 
     names = list(dict.fromkeys(mean["thetas"] for mean in summary["means"]))
-    shown = Table(title="PSNR in dB / SSIM (samples, minutes)")
-    shown.add_column("slices")
-    for name in names:
-        shown.add_column(_degrees(name))
+    rows = []
     cases = sorted({(m["slices"], m["combination"] == "corners") for m in summary["means"]})
     for count, corners in cases:
         own = {
@@ -132,7 +129,12 @@ def table(summary: Mapping[str, Any]) -> Any:
             if (mean["slices"], mean["combination"] == "corners") == (count, corners)
         }
         label = "all" if count == ALL else f"{count} + {count}"
-        shown.add_row(label + ("" if corners else ", sum"), *(_text(own[name]) for name in names))
+        label += "" if corners else ", sum"
+        rows.append((label, *(_text(own[name]) for name in names)))
+    columns = ("slices", *map(_degrees, names))
+    shown = text_table(
+        "PSNR in dB / SSIM (samples, minutes)", columns, rows, left=range(len(columns))
+    )
     published = [f"published: {claim}" for claim in summary["published_claims"]]
     return Group(shown, f"means over {', '.join(summary['materials'])}", *published)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simrig.core.cost import Cost
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Row
 from simrig.evaluation.studies.pareto.choice import COSTS, METRICS, Metric
 from simrig.viewing.plots import COST_AXES, CostAxis, CostPoint, accuracy_versus_cost
@@ -45,21 +46,13 @@ def subject_tables(summary: Mapping[str, Any], metric: str) -> list[Any]:
 
 
 def _subject_table(subject: Mapping[str, Any], metric: str) -> Any:
-    from rich import box
-    from rich.table import Table
-
     title = (
         f"{subject['name']}: in the last column the costs for which no other result is both "
         f"cheaper and better ({METRICS[metric].label})"
     )
-    shown = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-    shown.add_column("method")
-    numbers = ["samples", "hours", "MRE [%]", "ΔE", "PSNR [dB]", *_SECONDS, "KB"]
-    for name in numbers:
-        shown.add_column(name, justify="right")
-    shown.add_column("front")
-    for row in subject["rows"]:
-        shown.add_row(
+    numbers = ("samples", "hours", "MRE [%]", "ΔE", "PSNR [dB]", *_SECONDS, "KB")
+    rows = (
+        (
             row["method"],
             f"{row['samples']:,}",
             f"{row['hardware_hours']:.2f}",
@@ -70,7 +63,9 @@ def _subject_table(subject: Mapping[str, Any], metric: str) -> Any:
             f"{row['bytes'] / 1000.0:,.0f}",
             ", ".join(row["front"][metric]),
         )
-    return shown
+        for row in subject["rows"]
+    )
+    return text_table(title, ("method", *numbers, "front"), rows, left=(0, -1))
 
 
 def flat_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Row
 from simrig.plans.placement import TABLE_5_1
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
@@ -39,51 +40,46 @@ def table(summary: Mapping[str, Any]) -> Any:
 
 
 def _optimal_table(about: str, found: Mapping[str, Any]) -> Any:
-    from rich.table import Table
-
-    shown = Table(title=f"Table 5.1 from our own study, materials {about}")
-    for name in ("n from", "n ≤", "e_s / a_s"):
-        shown.add_column(name, justify="right")
-    for row in found["table_5_1"]:
-        shown.add_row(f"{row['from']:,}", f"{row['up_to']:,}", _name(row))
-    return shown
+    return text_table(
+        f"Table 5.1 from our own study, materials {about}",
+        ("n from", "n ≤", "e_s / a_s"),
+        ((f"{row['from']:,}", f"{row['up_to']:,}", _name(row)) for row in found["table_5_1"]),
+        left=(),
+    )
 
 
 def _beside_table(about: str, found: Mapping[str, Any]) -> Any:
-    from rich.table import Table
-
-    shown = Table(title=f"Table 5.1 as published, and what our study finds there, {about}")
-    shown.add_column("n ≤", justify="right")
-    shown.add_column("published", justify="right")
-    shown.add_column("ours, with its share of the range")
-    shown.add_column("published ÷ ours\n(Eq. 5.3)", justify="right")
+    rows = []
     for row in found["published"]:
         ours = ", ".join(f"{_name(one)} ({one['share']:.0%})" for one in row["ours"])
         limit = "∞" if row["up_to"] is None else f"{row['up_to']:,}"
-        shown.add_row(limit, _name(row), ours, _ratio(row["loss"]))
-    return shown
+        rows.append((limit, _name(row), ours, _ratio(row["loss"])))
+    return text_table(
+        f"Table 5.1 as published, and what our study finds there, {about}",
+        ("n ≤", "published", "ours, with its share of the range", "published ÷ ours\n(Eq. 5.3)"),
+        rows,
+        left=(2,),
+    )
 
 
 def _stability_table(about: str, found: Mapping[str, Any]) -> Any:
-    from rich.table import Table
-
-    shown = Table(title=f"Table 5.4 and leave-one-out (Fig. 5.13), {about}")
-    shown.add_column("material")
-    columns = ("published", "ours", "ours with the\npublished Table 5.1")
-    for name in (*columns, "without it:\nsame choice", "without it:\nEq. 5.3"):
-        shown.add_column(name, justify="right")
+    columns = ("material", "published", "ours", "ours with the\npublished Table 5.1")
+    rows = []
     without = {row["material"]: row for row in found["leave_one_out"]}
     for row in found["table_5_4"]:
         cells = [_ratio(row[key]) for key in ("published", "ours", "table_5_1")]
         left = without.get(row["material"])
         stable = ("", "") if left is None else (f"{left['same']:.0%}", f"{left['loss']:.3f}×")
-        shown.add_row(row["material"], *cells, *stable)
-    shown.add_section()
+        rows.append((row["material"], *cells, *stable))
     means = [_ratio(_mean(found["table_5_4"], key)) for key in ("published", "ours", "table_5_1")]
     same, loss = (_mean(found["leave_one_out"], key) for key in ("same", "loss"))
     stable = ("", "") if same is None else (f"{same:.0%}", f"{loss:.3f}×")
-    shown.add_row("mean", *means, *stable)
-    return shown
+    return text_table(
+        f"Table 5.4 and leave-one-out (Fig. 5.13), {about}",
+        (*columns, "without it:\nsame choice", "without it:\nEq. 5.3"),
+        rows,
+        below=[("mean", *means, *stable)],
+    )
 
 
 def _mean(rows: Sequence[Mapping[str, Any]], key: str) -> float | None:

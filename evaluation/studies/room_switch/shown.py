@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.evaluation.benchmarks.timing import text_table
+from simrig.core.tables import text_table
 from simrig.files.atomic import atomic_write
 
 _NAMES = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Row
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
 
@@ -32,22 +33,18 @@ def table(summary: Mapping[str, Any]) -> Any:
 
 
 def _set_table(about: str, found: Mapping[str, Any]) -> Any:
-    from rich.table import Table
-
-    shown = Table(title=f"Table 5.2: error over that of slices, materials {about}")
-    shown.add_column("material")
-    for kind in _KINDS.values():
-        for name in ("published", "ours", "its median", "of mean errors", "slices better in"):
-            shown.add_column(f"{kind}\n{name}", justify="right")
-    for row in found["rows"]:
-        shown.add_row(row["material"], *(text for kind in _KINDS for text in _cells(row[kind])))
-    shown.add_section()
+    names = ("published", "ours", "its median", "of mean errors", "slices better in")
+    columns = ("material", *(f"{kind}\n{name}" for kind in _KINDS.values() for name in names))
+    rows = (
+        (row["material"], *(text for kind in _KINDS for text in _cells(row[kind])))
+        for row in found["rows"]
+    )
     means = []
     for kind in _KINDS:
         mean = found["means"][kind]
         means += [f"{mean[key]:.2f}×" for key in ("published", "ours", "median")] + ["", ""]
-    shown.add_row("mean", *means)
-    return shown
+    title = f"Table 5.2: error over that of slices, materials {about}"
+    return text_table(title, columns, rows, below=[("mean", *means)])
 
 
 def _cells(ratio: Mapping[str, Any]) -> list[str]:
@@ -61,28 +58,24 @@ def _cells(ratio: Mapping[str, Any]) -> list[str]:
 
 
 def _curve_table(name: str, curves: Mapping[str, Any]) -> Any:
-    from rich.table import Table
-
-    shown = Table(title=f"MRE [%] of {name} over the number of samples (Fig. 5.8)")
-    for column in ("samples", *_CURVES.values()):
-        shown.add_column(column, justify="right")
     errors = [curves[kind]["mre_percent"] for kind in _CURVES]
-    for samples, *row in zip(curves["slices"]["samples"], *errors, strict=True):
-        shown.add_row(f"{samples:,}", *(f"{error:.2f}" for error in row))
-    return shown
+    rows = (
+        (f"{samples:,}", *(f"{error:.2f}" for error in row))
+        for samples, *row in zip(curves["slices"]["samples"], *errors, strict=True)
+    )
+    title = f"MRE [%] of {name} over the number of samples (Fig. 5.8)"
+    return text_table(title, ("samples", *_CURVES.values()), rows, left=())
 
 
 def _splines_table(both: Sequence[Mapping[str, Any]]) -> Any:
-    from rich.table import Table
-
-    shown = Table(title="MRE [%] of one spline through all samples, and of local ones")
-    shown.add_column("material")
-    for column in ("samples", "global", "local"):
-        shown.add_column(column, justify="right")
-    for row in both:
-        numbers = f"{row['samples']:,}", f"{row['global']:.2f}", f"{row['local']:.2f}"
-        shown.add_row(row["material"], *numbers)
-    return shown
+    return text_table(
+        "MRE [%] of one spline through all samples, and of local ones",
+        ("material", "samples", "global", "local"),
+        (
+            (row["material"], f"{row['samples']:,}", f"{row['global']:.2f}", f"{row['local']:.2f}")
+            for row in both
+        ),
+    )
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:

@@ -1,0 +1,40 @@
+"""Tables for the terminal: one look for commands, studies and benchmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+
+def text_table(
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    *,
+    left: Sequence[int] = (0,),
+    below: Iterable[Sequence[Any]] = (),
+) -> Any:
+    """Return a rich table.
+
+    Args:
+        title: above it; none where it is empty.
+        columns: their headings.
+        rows: of cells; a float is shown with four digits, anything else as it is.
+        left: indices of the columns that are aligned to the left; numbers read best to the right.
+        below: more rows, under a line (sums and means).
+    """
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text  # plain text: a bracket in a cell is no markup
+
+    made = Table(box=box.SIMPLE_HEAD, title=title or None, title_justify="left", pad_edge=False)
+    leading = {index % len(columns) for index in left}
+    for index, column in enumerate(columns):
+        justify: Any = "left" if index in leading else "right"
+        made.add_column(column, justify=justify, overflow="fold")
+    for part in (rows, below):
+        for row in part:
+            cells = (f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row)
+            made.add_row(*map(Text, cells))
+        made.add_section()
+    return made
