@@ -90,6 +90,7 @@ class Comparison(Shown):
             as 0.
         difference_scale: s of the difference image 255 − s·|I1 − I2|.
         maps: the same per pixel.
+        made: what was done to the values of each picture, by name, one line each.
     """
 
     delta_e: float
@@ -106,6 +107,7 @@ class Comparison(Shown):
     negative: tuple[int, int]
     difference_scale: float
     maps: ComparisonMaps = field(repr=False, compare=False)
+    made: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for JSON; an infinite PSNR (identical images) becomes None."""

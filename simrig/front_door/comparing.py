@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,23 +16,26 @@ from simrig.evaluation.comparison import (
     compare_brdfs,
     compare_images,
 )
-from simrig.files.pictures import names_picture, read_image
+from simrig.evaluation.metrics.images import foreground_mask
+from simrig.files.pictures import Picture, as_image, names_picture, picture_format, read_picture
+from simrig.files.utia import states_layout
 from simrig.front_door.materials import as_brdf
 
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
     from simrig.rendering.render import RenderResult
 
-    Picture = np.ndarray | RenderResult
-    Material = Brdf
+    AnyPicture = np.ndarray | RenderResult | Picture
 
-_OF_MATERIALS = {"step_deg": 2.0, "theta_max_deg": 80.0}
+_THETA_MAX_DEG = 80.0
+_PICTURE, _MATERIAL = "picture", "material"
+_OF_MATERIALS = {"step_deg": 2.0, "theta_max_deg": None}
 _OF_PICTURES = {"exposure": 1.0, "foreground": False, "difference_scale": 10.0}
 
 
 def compare(
-    reference: Material | Picture | str | Path,
-    other: Material | Picture | str | Path,
+    reference: Brdf | AnyPicture | str | Path,
+    other: Brdf | AnyPicture | str | Path,
     *,
     step_deg: float | None = None,
     theta_max_deg: float | None = None,
@@ -42,10 +47,13 @@ def compare(
 
     Args:
         reference: the truth: a BRDF, its name or its file; or a picture: what ``render`` returned,
-            linear RGB of shape (height, width, 3), or a file (``.exr``, ``.hdr``, ``.png``).
+            linear RGB of shape (height, width, 3), or a file (EXR, HDR, PNG, JPEG, PFM). What a
+            file is, is told by its content; an OpenEXR file that may be a table of UTIA's layout
+            is a picture beside a picture, and a material beside a material.
         other: what is compared with it, of the same kind.
         step_deg: of materials: degrees between directions of the grid (2).
-        theta_max_deg: of materials: the largest polar angle of the grid, in degrees (80).
+        theta_max_deg: of materials: the largest polar angle of the grid, in degrees; the last
+            step up to 80 unless given.
         exposure: of pictures: factor to the linear values before they are shown (1).
         foreground: of pictures: count only pixels that are not black in both (false).
         difference_scale: of pictures: s of the difference image 255 − s·|I1 − I2| (10).
@@ -69,13 +77,26 @@ def compare(
         "foreground": foreground,
         "difference_scale": difference_scale,
     }
-    kinds = [_is_picture(item) for item in (reference, other)]
-    if any(kinds) != all(kinds):
-        raise SimrigError("compare two pictures or two materials, not one of each")
-    if all(kinds):
-        return _pictures(reference, other, **_options(given, _OF_PICTURES, "pictures"))
+    if are_pictures(reference, other):
+        options = _options(given, _OF_PICTURES, "pictures")
+        return _pictures(_named(reference, "the reference"), _named(other, "the other"), **options)
     options = _options(given, _OF_MATERIALS, "materials")
+    options["theta_max_deg"] = options["theta_max_deg"] or _last_step(options["step_deg"])
     return compare_brdfs(as_brdf(reference), as_brdf(other), **options)
+
+
+def are_pictures(reference: Any, other: Any) -> bool:
+    """Return whether both are pictures, or else both materials.
+
+    Raises:
+        SimrigError: one of each.
+    """
+    kinds = [_kinds(item) for item in (reference, other)]
+    if _PICTURE in kinds[0] and _PICTURE in kinds[1]:
+        return True
+    if _MATERIAL in kinds[0] and _MATERIAL in kinds[1]:
+        return False
+    raise SimrigError("compare two pictures or two materials, not one of each")
 
 
 def _options(given: dict[str, Any], known: dict[str, Any], kind: str) -> dict[str, Any]:
@@ -88,21 +109,57 @@ def _options(given: dict[str, Any], known: dict[str, Any], kind: str) -> dict[st
     }
 
 
-def _is_picture(item: Any) -> bool:
+def _last_step(step_deg: float) -> float:
+    """Return the largest polar angle of a grid: the last step up to 80 degrees."""
+    if not 0.0 < step_deg <= _THETA_MAX_DEG:
+        return _THETA_MAX_DEG
+    steps = math.floor(_THETA_MAX_DEG / step_deg + 1e-9)
+    return step_deg * steps if steps > 1 else _THETA_MAX_DEG
+
+
+def _kinds(item: Any) -> set[str]:
+    """Return what something can be; an OpenEXR file is a picture or a table of UTIA's layout."""
+    if not isinstance(item, str | Path):
+        picture = isinstance(item, np.ndarray | Picture) or hasattr(item, "image")
+        return {_PICTURE if picture else _MATERIAL}
+    path = Path(item)
+    if not path.is_file():
+        return {_PICTURE if names_picture(path) else _MATERIAL}
+    format = picture_format(path)
+    if format == "OpenEXR":
+        return {_MATERIAL} if states_layout(path) else {_PICTURE, _MATERIAL}
+    return {_MATERIAL if format is None else _PICTURE}
+
+
+def _named(item: Any, otherwise: str) -> tuple[str, Picture]:
+    """Return a picture with the name by which messages call it."""
     if isinstance(item, str | Path):
-        return names_picture(item)
-    return isinstance(item, np.ndarray) or hasattr(item, "image")
+        return str(item), read_picture(item)
+    if isinstance(item, Picture):
+        return otherwise, item
+    return otherwise, Picture(as_image(np.asarray(item), otherwise), "array")
 
 
 def _pictures(
-    reference: Any, other: Any, exposure: float, foreground: bool, difference_scale: float
+    reference: tuple[str, Picture],
+    other: tuple[str, Picture],
+    exposure: float,
+    foreground: bool,
+    difference_scale: float,
 ) -> Comparison:
-    from simrig.evaluation.metrics.images import foreground_mask
-
-    first, second = _pixels(reference), _pixels(other)
+    """Compare two pictures; where both say an exposure, and not the same, both are undone."""
+    named = (reference, other)
+    if reference[1].pixels.shape != other[1].pixels.shape:
+        sizes = " and ".join(f"'{name}' has {picture.size}" for name, picture in named)
+        raise SimrigError(f"the pictures differ in size: {sizes}")
+    notes = {name: list(picture.made) for name, picture in named}
+    first, second = (picture.pixels for _, picture in named)
+    shown_at = [picture.shown_exposure or 1.0 for _, picture in named]
+    if shown_at[0] != shown_at[1]:
+        first, second = first / shown_at[0], second / shown_at[1]
+        for (name, _), at in zip(named, shown_at, strict=True):
+            if at != 1.0:
+                notes[name].append(f"divided by the exposure {at:g} that it was made with")
     mask = foreground_mask(first, second) if foreground else None
-    return compare_images(first, second, mask, exposure, difference_scale)
-
-
-def _pixels(picture: Any) -> np.ndarray:
-    return read_image(picture) if isinstance(picture, str | Path) else np.asarray(picture)
+    made = {name: tuple(lines) for name, lines in notes.items() if lines}
+    return replace(compare_images(first, second, mask, exposure, difference_scale), made=made)

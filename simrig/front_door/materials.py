@@ -164,7 +164,8 @@ def as_brdf(material: Any) -> Brdf:
         SimrigError: what ``load`` refuses, or a material that is none, with what to do.
     """
     if isinstance(material, str | Path):
-        material = load(material)
+        tile = str(material) in PRESETS and not Path(material).exists()
+        material = load(material) if tile else load_material(material)
     if isinstance(material, Brdf):
         return material
     advice = {
