@@ -68,7 +68,7 @@ def compare(
     from simrig.front_door.comparing import are_pictures
     from simrig.front_door.comparing import compare as compared
 
-    options = {
+    options: dict[str, Any] = {
         "step_deg": step,
         "theta_max_deg": theta_max,
         "exposure": exposure,
@@ -88,7 +88,7 @@ def compare(
     with ExitStack() as held, frame.progress("comparing"):
         if difference is not None:
             held.enter_context(output_file(difference, overwrite))
-        result = compared(*items, **options)
+        result = compared(items[0], items[1], **options)
         shown: list[Any] = [result.table(f"{other} beside {reference}")]
         data = {"reference": reference, "other": other, **result.to_dict()}
         if isinstance(result, Comparison):
