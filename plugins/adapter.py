@@ -15,13 +15,14 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Brdf
-from simrig.core.arrays import Array, to_device
+from simrig.brdf.protocol import Brdf, above_horizon, upright
+from simrig.core.arrays import Array
 from simrig.core.errors import SimrigError
 from simrig.plugins.importance_sampling import fit_mixture, fitted
 from simrig.plugins.lobes import Lobe, Mixture, mixture_pdf, sample_mixture
 from simrig.plugins.named import number
 from simrig.plugins.spectral import Upsampler
+from simrig.plugins.variants import check_vectorised
 
 _TOLERATED_CHANGE = 0.1  # of an array under optimisation before the sampling is fitted again
 
@@ -59,8 +60,6 @@ def define_adapter() -> type:
     all_flags = (
         glossy | mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.Anisotropic | mi.BSDFFlags.FrontSide
     )
-    is_jit = mi.Float is not float
-    guard = uncollected if is_jit else lambda method: method
     upsample = Upsampler()
 
     class BrdfBSDF(mi.BSDF):
@@ -72,10 +71,16 @@ def define_adapter() -> type:
         """
 
         def __init__(self, props: Any, brdf: Brdf | None = None, rotation_deg: float = 0.0) -> None:
+            check_vectorised(f"'{props.plugin_name()}'")
             super().__init__(props)
             if brdf is None:
                 rotation_deg = number(props, "rotation", 0.0)
                 brdf = self.build(props)
+            if not brdf.in_kernels:
+                raise SimrigError(
+                    f"'{brdf.name}' is too slow to render: tabulate it first (resample_dense, or "
+                    "'simrig reconstruct')"
+                )
             self.brdf = brdf
             self.data = _device_copies(brdf, mi)
             self._prepare()
@@ -94,21 +99,21 @@ def define_adapter() -> type:
 
         # -- the interface of Mitsuba ------------------------------------------------------------
 
-        @guard
+        @uncollected
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0)
             active, local_i, local_o = self._local(si, wo, active)
             return self._value(ctx, si, local_i, local_o, active) & active
 
-        @guard
+        @uncollected
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Float(0.0)
             active, local_i, local_o = self._local(si, wo, active)
             return dr.select(active, self._density(local_i, local_o), 0.0)
 
-        @guard
+        @uncollected
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0), mi.Float(0.0)
@@ -116,7 +121,7 @@ def define_adapter() -> type:
             value = self._value(ctx, si, local_i, local_o, active) & active
             return value, dr.select(active, self._density(local_i, local_o), 0.0)
 
-        @guard
+        @uncollected
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
             bs = dr.zeros(mi.BSDFSample3f)
             if not self._enabled(ctx):
@@ -144,8 +149,6 @@ def define_adapter() -> type:
             return bs, (value / pdf) & active
 
         def traverse(self, cb: Any) -> None:
-            if not is_jit:  # a plain float cannot be changed in place
-                return
             for name, value in self.data.items():
                 cb.put(name, value, mi.ParamFlags.Differentiable)
             cb.put("rotation", self.rotation, mi.ParamFlags.Differentiable)
@@ -188,8 +191,7 @@ def define_adapter() -> type:
             """Make the arrays that look-ups read from the data."""
             self.differentiable = dr.grad_enabled(self.data)
             self.prepared = self.brdf.prepare(self.data, self.differentiable)
-            if is_jit:
-                dr.make_opaque(self.prepared)
+            dr.make_opaque(self.prepared)
 
         def _outdated(self, host: Mapping[str, np.ndarray]) -> bool:
             """Return whether the sampling has to be fitted again.
@@ -214,7 +216,7 @@ def define_adapter() -> type:
 
             Where the mask is false both are the normal, so that a look-up never sees NaN.
             """
-            active = active & (si.wi.z > 0.0) & (wo.z > 0.0)
+            active = active & above_horizon(si.wi, wo)
             return active, self._to_material(si.wi, active), self._to_material(wo, active)
 
         def _to_material(self, w: Any, active: Any) -> Any:
@@ -223,7 +225,7 @@ def define_adapter() -> type:
                 self.cos_turn * w.y - self.sin_turn * w.x,
                 w.z,
             )
-            return dr.select(active, turned, mi.Vector3f(0.0, 0.0, 1.0))
+            return upright(turned, active)
 
         def _value(self, ctx: Any, si: Any, wi: Any, wo: Any, active: Any) -> Any:
             light, view = (wo, wi) if ctx.mode == mi.TransportMode.Radiance else (wi, wo)
@@ -232,7 +234,7 @@ def define_adapter() -> type:
                     "call update() on the scene parameters after enabling their gradients"
                 )
             place = self._place(si)
-            if is_jit and not self.differentiable:
+            if not self.differentiable:
                 # a branch: packets of lanes that all missed the surface skip the look-up
                 colour = dr.if_stmt(
                     (light, view),
@@ -241,7 +243,7 @@ def define_adapter() -> type:
                     lambda light, view: mi.Color3f(0.0),
                 )
             else:
-                colour = self._look_up(light, view, place)
+                colour = mi.Color3f(self._look_up(light, view, place))
             return upsample(colour * wo.z, si.wavelengths)
 
         def _place(self, si: Any) -> Any:
@@ -249,8 +251,8 @@ def define_adapter() -> type:
             return None
 
         def _look_up(self, light: Any, view: Any, place: Any) -> Any:
-            """Return f_r as a colour."""
-            return self.brdf.eval(light, view, self.prepared)
+            """Return f_r of valid directions as a colour."""
+            return self.brdf.look_up(light, view, self.prepared)
 
         def _density(self, wi: Any, wo: Any) -> Any:
             return mixture_pdf(self.mixture, dr.detach(wi), dr.detach(wo))
@@ -277,8 +279,6 @@ def define_adapter() -> type:
 
 def _device_copies(brdf: Brdf, mi: Any) -> dict[str, Array]:
     """Return the data for the current variant; tables share memory until they are changed."""
-    if mi.Float is float:
-        return {k: to_device(v, float, mi.ScalarColor3f) for k, v in brdf.data().items()}
     copies = {}
     for name, value in brdf.on(mi.Float).items():
         make = mi.Color3f if dr.depth_v(value) == 2 else mi.Float
@@ -288,12 +288,12 @@ def _device_copies(brdf: Brdf, mi: Any) -> dict[str, Array]:
 
 def to_number(value: float, mi: Any) -> Array:
     """Return a number of the current variant that does not become part of kernels."""
-    return value if mi.Float is float else dr.opaque(mi.Float, value)
+    return dr.opaque(mi.Float, value)
 
 
 def as_float(value: Array) -> float:
     """Return what ``to_number`` made as a plain number."""
-    return value if isinstance(value, float) else float(dr.detach(value)[0])
+    return float(dr.detach(value)[0])
 
 
 def _on_device(mixture: Mixture, mi: Any) -> Mixture:

@@ -110,14 +110,14 @@ def define_btf(adapter: type) -> type:
 
         def _look_up(self, light: Any, view: Any, place: Any) -> Any:
             def average(light: Any, view: Any) -> Any:
-                return mi.Color3f(self.brdf.eval(light, view, self.prepared))
+                return mi.Color3f(self.brdf.look_up(light, view, self.prepared))
 
             if place is None:
                 return average(light, view)
             footprint, near = place
 
             def texels(light: Any, view: Any) -> Any:
-                return mi.Color3f(self.brdf.eval_at(light, view, footprint, self.prepared))
+                return mi.Color3f(self.brdf.look_up_at(light, view, footprint, self.prepared))
 
             if near is None:
                 return texels(light, view)

@@ -10,10 +10,12 @@ slopes' scatter matrix has a closed form; orientation and both roughnesses come 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
 from simrig.brdf.protocol import Brdf
+from simrig.core.kept import keep, kept
 from simrig.plugins.lobes import Lobe, Mixture, lobe_pdf
 
 _VIEW_THETA_DEG = (3.0, 25.0, 45.0, 60.0, 72.0, 82.0)
@@ -24,6 +26,7 @@ _GOLDEN = 0.6180339887498949
 _COSINE_SHARE = 0.1  # of the mixture, always: bounds the weight by 10 π f_r
 _SMALLEST, _LARGEST = 0.002, 4.0  # semi-axes of a lobe
 _PASSES = 40
+_MIXTURE = "sampling mixture"
 _SMALL_GAIN, _PATIENCE = 2e-3, 3  # stop after so many passes that gain less than this share
 
 
@@ -82,9 +85,9 @@ def fit_mixture(
             starts from a narrow and a wide lobe.
     """
     q = quadrature()
-    data = brdf.prepare(brdf.data() if data is None else data, False)
+    tables = brdf.tables(np.ndarray, False) if data is None else brdf.prepare(data, False)
     with np.errstate(all="ignore"):  # data under optimisation may be anything
-        value = brdf.eval(q.light, q.view, data).mean(axis=-1) * q.light[..., 2]
+        value = brdf.eval(q.light, q.view, tables).mean(axis=-1) * q.light[..., 2]
         target = np.clip(np.nan_to_num(value, nan=0.0, posinf=0.0), 0.0, None)
     total = np.sum(target * q.solid_angle, axis=1, keepdims=True)
     if not np.any(total > 0.0):
@@ -106,10 +109,7 @@ def fit_mixture(
 
 def fitted(brdf: Brdf) -> Mixture:
     """Return the mixture of a BRDF's own data, fitted once and kept with it."""
-    cache = brdf.__dict__
-    if "_sampling_mixture" not in cache:
-        cache["_sampling_mixture"] = fit_mixture(brdf)
-    return cache["_sampling_mixture"]
+    return kept(brdf, _MIXTURE, lambda: fit_mixture(brdf))
 
 
 def sample_alike(brdf: Brdf, other: Brdf) -> None:
@@ -118,14 +118,13 @@ def sample_alike(brdf: Brdf, other: Brdf) -> None:
     Paths of both then go the same ways with the same random numbers, and their noise is common. A
     mixture of another BRDF is right as well: a share of it reaches every direction.
     """
-    brdf.__dict__["_sampling_mixture"] = fitted(other)
+    keep(brdf, _MIXTURE, fitted(other))
 
 
+@cache
 def quadrature() -> _Quadrature:
     """Return the directions of the fit, made once."""
-    if not hasattr(quadrature, "cache"):
-        quadrature.cache = _Quadrature()  # type: ignore[attr-defined]
-    return quadrature.cache  # type: ignore[attr-defined]
+    return _Quadrature()
 
 
 def _initial() -> Mixture:

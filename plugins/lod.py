@@ -9,6 +9,7 @@ import drjit as dr
 from simrig.core.errors import SimrigError
 from simrig.plugins.adapter import as_float, to_number, uncollected
 from simrig.plugins.named import number
+from simrig.plugins.variants import check_vectorised
 
 _BELOW_ONE = 1.0 - 2.0**-24
 
@@ -36,13 +37,12 @@ def define_lod() -> type:
     import mitsuba
 
     mi: Any = mitsuba  # its stubs describe one variant, the class below serves all
-    is_jit = mi.Float is not float
-    guard = uncollected if is_jit else lambda method: method
 
     class LodBSDF(mi.BSDF):
         """Forwards to one of two materials, or blends them."""
 
         def __init__(self, props: Any) -> None:
+            check_vectorised("'simrig_lod'")
             super().__init__(props)
             for name in ("near", "far"):
                 if name not in props or not isinstance(props[name], mi.BSDF):
@@ -61,19 +61,19 @@ def define_lod() -> type:
             self.m_flags = self.near.flags() | self.far.flags()
             self.m_components = [self.m_flags]
 
-        @guard
+        @uncollected
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             value = share * (self.near.eval(ctx, si, wo, near) & near)
             return value + (1.0 - share) * (self.far.eval(ctx, si, wo, far) & far)
 
-        @guard
+        @uncollected
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             density = share * dr.select(near, self.near.pdf(ctx, si, wo, near), 0.0)
             return density + (1.0 - share) * dr.select(far, self.far.pdf(ctx, si, wo, far), 0.0)
 
-        @guard
+        @uncollected
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             value_n, pdf_n = self.near.eval_pdf(ctx, si, wo, near)
@@ -82,7 +82,7 @@ def define_lod() -> type:
             density = share * dr.select(near, pdf_n, 0.0)
             return value, density + (1.0 - share) * dr.select(far, pdf_f, 0.0)
 
-        @guard
+        @uncollected
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             chance = dr.detach(share)
@@ -108,8 +108,7 @@ def define_lod() -> type:
         def traverse(self, cb: Any) -> None:
             cb.put("near", self.near, mi.ParamFlags.Differentiable)
             cb.put("far", self.far, mi.ParamFlags.Differentiable)
-            if is_jit:  # a plain float cannot be changed in place
-                cb.put("distance", self.distance, mi.ParamFlags.Differentiable)
+            cb.put("distance", self.distance, mi.ParamFlags.Differentiable)
 
         def to_string(self) -> str:
             return (

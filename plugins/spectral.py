@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import drjit as dr
 import numpy as np
 
 from simrig.core.arrays import Array, gather_colour, namespace, to_device, to_index
@@ -35,7 +36,8 @@ class Upsampler:
         import mitsuba as mi
 
         self._mi = mi
-        self._basis = to_device(basis(), mi.Float) if mi.is_spectral else None
+        needed = mi.is_spectral and dr.is_jit_v(mi.Float)
+        self._basis = to_device(basis(), mi.Float) if needed else None
 
     def __call__(self, colour: Array, wavelengths: Array) -> Array:
         """Return what a linear RGB colour is in the variant.
@@ -60,6 +62,6 @@ class Upsampler:
         position = xp.clip((wavelength - _FIRST_NM) / _STEP_NM, 0.0, _COUNT - 1.001)
         index = to_index(position)
         fraction = position - index
-        low = gather_colour(self._basis, index, colour)
-        high = gather_colour(self._basis, index + 1, colour)
+        low = gather_colour(self._basis, index)
+        high = gather_colour(self._basis, index + 1)
         return sum(colour[c] * (low[c] + (high[c] - low[c]) * fraction) for c in range(3))

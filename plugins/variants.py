@@ -1,24 +1,22 @@
-"""Which variants a plugin can run in."""
+"""Which variants our plugins run in."""
 
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
+from simrig.core import backend
 from simrig.core.errors import SimrigError
 
 
-def check_vectorised(integrator: str) -> None:
-    """Refuse an integrator written in Python where Mitsuba cannot run it.
+def check_vectorised(plugin: str) -> None:
+    """Refuse a plugin in the scalar variants, where Mitsuba calls Python once per ray.
 
     Args:
-        integrator: its plugin name.
+        plugin: its name, for the message.
 
     Raises:
         SimrigError: the variant is a scalar one.
     """
     if not dr.is_jit_v(mi.Float):
-        raise SimrigError(
-            f"'{integrator}' cannot run in the variant '{mi.variant()}': "
-            "choose an llvm or cuda variant, or the integrator 'direct'"
-        )
+        raise SimrigError(f"{plugin}: {backend.scalar_problem(str(mi.variant()))}")

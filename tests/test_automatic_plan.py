@@ -31,7 +31,7 @@ class OneWay(Brdf):
     def data(self):
         return {"colour": np.array([0.3, 0.2, 0.1])}
 
-    def eval(self, wi, wv, data=None):
+    def look_up(self, wi, wv, tables):
         return np.array([0.3, 0.2, 0.1]) * (2.0 - components(wi)[2])[..., None]
 
 
@@ -46,7 +46,7 @@ class Turned(Brdf):
     def data(self):
         return self.brdf.data()
 
-    def eval(self, wi, wv, data=None):
+    def look_up(self, wi, wv, tables):
         return self.brdf.eval(self._back(wi), self._back(wv))
 
     def _back(self, v):
@@ -65,7 +65,7 @@ class Noisy(Brdf):
     def data(self):
         return self.brdf.data()
 
-    def eval(self, wi, wv, data=None):
+    def look_up(self, wi, wv, tables):
         seed = np.sin(1e4 * (wi @ [1.0, 2.3, 3.1] + wv @ [4.7, 5.9, 6.1])) * 43758.5453
         uniform = seed - np.floor(seed)
         return scale(self.brdf.eval(wi, wv), 1.0 + self.noise * np.sqrt(12.0) * (uniform - 0.5))

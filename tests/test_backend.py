@@ -62,8 +62,11 @@ def test_a_missing_llvm_is_refused_in_one_line(call: str) -> None:
     assert answer.stderr == "", "Dr.Jit's own lines would hide the message"
 
 
-def test_scalar_variants_need_no_llvm() -> None:
-    assert ask('backend.select("scalar_rgb")', NO_LLVM).stdout == "accepted\n"
+def test_scalar_variants_are_refused_with_what_to_choose() -> None:
+    for variant, instead in (("rgb", "rgb"), ("spectral", "spectral"), ("rgb_double", "rgb")):
+        said = f"choose 'llvm_ad_{instead}' or 'cuda_ad_{instead}'"
+        with pytest.raises(SimrigError, match=f"variant 'scalar_{variant}' .* {said}"):
+            backend.select(f"scalar_{variant}")
 
 
 def test_auto_takes_cuda_only_where_it_can_trace_rays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +103,7 @@ def test_unknown_names_suggest_the_nearest() -> None:
 def test_select_sets_the_variant() -> None:
     import mitsuba as mi
 
-    assert backend.select("scalar_rgb") == "scalar_rgb" == mi.variant()
+    assert backend.select("llvm_ad_spectral") == "llvm_ad_spectral" == mi.variant()
     assert backend.select("llvm_ad_rgb") == "llvm_ad_rgb" == mi.variant()
 
 

@@ -125,16 +125,6 @@ def test_every_number_type_agrees(precision, tolerance, rng):
     np.testing.assert_allclose(found, expected, atol=tolerance * expected.max())
 
 
-def test_plain_floats_agree():
-    import drjit.scalar
-
-    brdf = made()
-    wi, wv = (to_vector(*np.array(angles)) for angles in ((0.7, 1.0), (1.2, 6.2)))
-    make = drjit.scalar.Array3f64
-    found = brdf.eval(make(*wi.tolist()), make(*wv.tolist()))
-    np.testing.assert_allclose(list(found), evaluate(brdf, wi, wv), rtol=1e-12)
-
-
 def test_packed_values_differ_by_their_rounding_only(rng):
     brdf = made(dtype=np.float32)
     types = backend.types("float32")

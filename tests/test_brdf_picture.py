@@ -29,7 +29,7 @@ class Angles(Brdf):
     def data(self):
         return {"one": np.asarray(1.0)}
 
-    def eval(self, wi, wv, data=None):
+    def look_up(self, wi, wv, tables):
         (theta_i, phi_i), (theta_v, phi_v) = to_angles(wi), to_angles(wv)
         zero = 0.0 * components(wi)[2]
         return vector(theta_i + zero, theta_v + zero, phi_i + 10.0 * phi_v, like=wi)

@@ -52,7 +52,7 @@ def test_a_person_sees_the_table() -> None:
 @pytest.mark.parametrize("command", [("plan", "sphere"), ("render", "--output", "x.exr")])
 def test_scalar_variants_are_not_planned(command: tuple[str, ...]) -> None:
     said = refusal(*command, *SMALL, "--material", "wood01", "--variant", "scalar_rgb")
-    assert "plan in an llvm or cuda variant, or render with --spp and --integrator" in said
+    assert "choose 'llvm_ad_rgb' or 'cuda_ad_rgb'" in said
     assert not list(Path().iterdir())
 
 

@@ -4,7 +4,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from simrig.brdf import Lambert, Ward, evaluate, kurt_material
+from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.brdf.slices.highlight_slices import HighlightSlices
 from simrig.cli.reconstruct import Method, reconstructed
 from simrig.core import backend
@@ -158,16 +158,6 @@ def test_packed_tables_are_close(rng, satin):
     packed = satin.prepare(satin.on(types.Float), differentiable=False)
     found = np.array(satin.eval_angles(*angles, packed))
     assert np.quantile(np.abs(found - exact) / (exact + 1e-9), 0.999) < 5e-3
-
-
-def test_scalars_and_directions_below_the_horizon(satin):
-    from drjit.scalar import Array3f64
-
-    wi, wv = np.array([0.6, 0.0, 0.8]), np.array([0.0, 0.28, 0.96])
-    expected = satin.eval(wi, wv)
-    found = satin.eval(Array3f64(*wi), Array3f64(*wv))
-    np.testing.assert_allclose(np.array(found), expected, rtol=1e-9)
-    assert np.all(evaluate(satin, wi * [1, 1, -1], wv) == 0.0)
 
 
 def test_stored_and_loaded_again(tmp_path, satin, rng):

@@ -29,12 +29,11 @@ class Shadowed(Brdf):
     def data(self):
         return {"value": np.asarray(self.value), "dark": np.asarray(self.dark)}
 
-    def eval(self, wi, wv, data=None):
+    def look_up(self, wi, wv, tables):
         from simrig.core.arrays import components, namespace, vector
 
-        data = self._data_for(wi, data)
         x = components(wi)[0]
-        value = namespace(x).select(x < -1e-3, 0.0 * x + data["dark"], 0.0 * x + data["value"])
+        value = namespace(x).select(x < -1e-3, 0.0 * x + tables["dark"], 0.0 * x + tables["value"])
         return vector(value, value, value, like=wi)
 
 

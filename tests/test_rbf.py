@@ -198,7 +198,7 @@ def test_blocks_and_progress(measurement, rng, monkeypatch):
         whole = brdf.values(wi, wv)
         told: list[tuple[int, int]] = []
         monkeypatch.setattr("simrig.brdf.tables.thin_plate._NUMPY_BLOCK", 40_000)
-        monkeypatch.setattr(rbf, "_BLOCK", 100)
+        monkeypatch.setattr("simrig.brdf.tables.local_splines._BLOCK", 100)
         parts = brdf.values(wi, wv, None, lambda *counts, told=told: told.append(counts))
         monkeypatch.undo()
         np.testing.assert_allclose(parts, whole, rtol=1e-9)

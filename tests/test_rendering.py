@@ -14,7 +14,6 @@ from scipy import stats
 
 from simrig.brdf.kurt_materials import kurt_material
 from simrig.brdf.protocol import evaluate
-from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.rendering import render as rendering
 from simrig.rendering.render import automatic_exposure, display_exposure, pixel_directions, render
@@ -305,23 +304,3 @@ def test_bad_arguments_are_refused_in_one_line(make, message: str) -> None:
     with pytest.raises(SimrigError, match=re.escape(message)) as caught:
         make()
     assert "\n" not in str(caught.value)
-
-
-def test_scalar_variant_renders_the_same_scenes() -> None:
-    """Point lights exactly; many lights with ``direct``, since Python integrators cannot run."""
-    point = render(sphere(GREY, resolution=8, pixel_centres=True)).image
-    lights = random_lights(4)
-    many = render(environment_sphere(GREY, lights, resolution=8, pixel_centres=True)).image
-    try:
-        backend.select("scalar_rgb")
-        result = render(sphere(GREY, resolution=8, pixel_centres=True))
-        np.testing.assert_allclose(result.image, point, rtol=1e-3, atol=1e-5)
-        assert result.compile_seconds == 0.0
-        picked = render(environment_sphere(GREY, lights, resolution=8), 1024).image
-        assert picked.mean() == pytest.approx(many.mean(), rel=0.1)
-        with pytest.raises(SimrigError, match="'simrig_all_lights' cannot run"):
-            render(sphere(GREY, resolution=8), integrator="simrig_all_lights")
-        with pytest.raises(SimrigError, match="'llvm_ad_rgb' or 'cuda_ad_rgb'"):
-            pixel_directions(sphere(GREY, resolution=8))
-    finally:
-        backend.select("llvm_ad_rgb")

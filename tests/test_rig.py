@@ -44,8 +44,8 @@ def test_thetas_out_of_reach_are_refused():
 
 def test_negative_material_is_refused():
     class Negative(Lambert):
-        def eval(self, wi, wv, data=None):
-            return -super().eval(wi, wv, data)
+        def look_up(self, wi, wv, tables):
+            return -super().look_up(wi, wv, tables)
 
     with pytest.raises(SimrigError, match="negative or not finite at theta_i"):
         RIG.measure(Negative(), SlicePlacement.from_degrees(28, 180), 100)

@@ -46,8 +46,8 @@ def scalar_d1(brdf, theta_i, phi_i, theta_v, phi_v):
 
     def corner(i, v, j, k):
         if i > v:
-            return data["corners"][pair(v, i)][a_n - j][(k + a_n) % (2 * a_n)]
-        return data["corners"][pair(i, v)][j][k]
+            return data["intersections"][pair(v, i)][a_n - j][(k + a_n) % (2 * a_n)]
+        return data["intersections"][pair(i, v)][j][k]
 
     def axial(i, v, j):
         if i > v:
@@ -265,7 +265,7 @@ def test_any_regular_placement_works(steps, rng):
 
 def test_black_and_wild_materials_stay_finite(rng):
     class Wild(Lambert):
-        def eval(self, wi, wv, data=None):
+        def look_up(self, wi, wv, tables):
             hit = np.floor(1e4 * np.abs(wi[..., 0] + wv[..., 1])) % 3
             return np.repeat(np.where(hit == 0, 1e6, hit * 1e-12)[..., None], 3, axis=-1)
 

@@ -61,8 +61,8 @@ def _flawed(factor):
     """Return a Lambertian reflector with a flaw in its arithmetic: a factor that should be 1."""
 
     class Flawed(Lambert):
-        def eval(self, wi, wv, data=None):
-            value = super().eval(wi, wv, data)
+        def look_up(self, wi, wv, tables):
+            value = super().look_up(wi, wv, tables)
             f = factor(components(wi)[2], namespace(components(wi)[2]))
             return value * (f[..., None] if isinstance(f, np.ndarray) else f)
 

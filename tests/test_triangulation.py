@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drjit.scalar import Array3f64
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -75,7 +74,7 @@ def test_every_type_agrees(mesh_81: HemisphereTriangulation, theta: float, phi: 
     w = to_vector(np.array([theta]), np.array([phi]))
     values = np.arange(81.0)
     expected = interpolate(mesh, values, w)[0]
-    place = mesh.locate(Array3f64(*w[0].tolist()))
+    place = mesh.locate(backend.types("float64", "llvm").Array3(*w[0].tolist()))
     found = sum(values[n] * share for n, share in zip(place.nodes, place.weights, strict=True))
     assert found == pytest.approx(expected, abs=1e-9)
 

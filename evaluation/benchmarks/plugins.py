@@ -22,6 +22,7 @@ import numpy as np
 from simrig.brdf import Brdf, Ward, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
+from simrig.core.arrays import table_bytes
 from simrig.core.errors import SimrigError
 from simrig.core.tables import text_table
 from simrig.evaluation.benchmarks.timing import side_by_side, stage_of
@@ -115,8 +116,7 @@ def _device_bytes(brdf: Brdf) -> int:
     """Return the bytes of the look-up layout that rendering reads."""
     import mitsuba as mi
 
-    data = brdf.prepare(brdf.on(mi.Float), differentiable=False)
-    return sum(dr.width(v) * np.dtype(np.array(v).dtype).itemsize for v in data.values())
+    return table_bytes(brdf.prepare(brdf.on(mi.Float), differentiable=False))
 
 
 def _cell(

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import drjit as dr
-import numpy as np
-
 from simrig.brdf import kurt_material
 from simrig.brdf.tables.grid import to_dense
 from simrig.core import backend
+from simrig.core.arrays import table_bytes
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.plans.placement import SlicePlacement
@@ -46,7 +44,7 @@ def run(progress: Callable[..., None] | None = None) -> dict[str, Any]:
         sizes = {}
         for key, differentiable in (("lookup", False), ("differentiable", True)):
             prepared = slices.prepare(slices.on(types.Float), differentiable)
-            sizes[f"{key}_bytes"] = sum(map(_bytes, prepared.values()))
+            sizes[f"{key}_bytes"] = table_bytes(prepared)
         rows.append(
             {
                 "samples": samples,
@@ -61,10 +59,6 @@ def run(progress: Callable[..., None] | None = None) -> dict[str, Any]:
     if progress is not None:
         progress(len(LAYOUTS), len(LAYOUTS))
     return {"benchmark": "storage", "material": MATERIAL, "rows": rows}
-
-
-def _bytes(array: Any) -> int:
-    return dr.width(array) * np.dtype(np.array(array).dtype).itemsize
 
 
 def table(results: dict[str, Any]) -> Any:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from simrig.brdf.protocol import Brdf
-from simrig.core.arrays import Array, components, namespace, vector
+from simrig.core.arrays import Array, components, where_colour
 
 
 class MeasuredHalf(Brdf):
@@ -29,11 +30,10 @@ class MeasuredHalf(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return self._truth.data()
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        (x_i, y_i, z_i), (x_v, y_v, z_v) = components(wi), components(wv)
-        exchange = z_i < z_v
-        select = namespace(z_i).select
-        x, y, z = select(exchange, x_v, x_i), select(exchange, y_v, y_i), select(exchange, z_v, z_i)
-        higher = vector(x, y, z, like=wi)
-        x, y, z = select(exchange, x_i, x_v), select(exchange, y_i, y_v), select(exchange, z_i, z_v)
-        return self._truth.eval(higher, vector(x, y, z, like=wi), data)
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Any:
+        return self._truth.prepare(data, differentiable)
+
+    def look_up(self, wi: Array, wv: Array, tables: Any) -> Array:
+        exchange = components(wi)[2] < components(wv)[2]
+        higher, lower = where_colour(exchange, wv, wi), where_colour(exchange, wi, wv)
+        return self._truth.look_up(higher, lower, tables)

@@ -19,6 +19,7 @@ import numpy as np
 from simrig.brdf import Brdf
 from simrig.brdf.tables.packed import RELATIVE_ERROR
 from simrig.core import backend
+from simrig.core.arrays import map_arrays
 from simrig.evaluation.stability.hard_cases import HardCase
 from simrig.evaluation.stability.judgement import direction_rows
 from simrig.evaluation.stability.rows import StabilityRow
@@ -62,19 +63,19 @@ class _PluginSubject:
         if not self.reads_angles:
             return None
         brdf = self.bsdf.brdf
-        tables = brdf.prepare(brdf.on(np.ndarray))
-        packed = {
-            key: table * (1.0 + RELATIVE_ERROR * rng.choice([-1.0, 1.0], table.shape))
-            for key, table in tables.items()
-        }
+
+        def rounded(table: np.ndarray) -> np.ndarray:
+            return table * (1.0 + RELATIVE_ERROR * rng.choice([-1.0, 1.0], table.shape))
+
+        packed = map_arrays(rounded, brdf.tables(np.ndarray))
         return self._value(wi, wv, packed) / self._unit(wi, wv)
 
     def _unit(self, wi: np.ndarray, wv: np.ndarray) -> Any:
         """Return what the value is divided by in the result."""
         return 1.0
 
-    def _value(self, wi: np.ndarray, wv: np.ndarray, data: Any = None) -> np.ndarray:
-        return self.bsdf.brdf.eval(wi, wv, data) * wi[..., 2:]
+    def _value(self, wi: np.ndarray, wv: np.ndarray, tables: Any = None) -> np.ndarray:
+        return self.bsdf.brdf.eval(wi, wv, tables) * wi[..., 2:]
 
     def _density(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
         above = (wi[..., 2] > 0.0) & (wv[..., 2] > 0.0)

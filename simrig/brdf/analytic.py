@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon
-from simrig.core.arrays import Array, components, namespace, vector, where_colour
+from simrig.brdf.protocol import Brdf
+from simrig.core.arrays import Array, components, namespace, read_only, scale
 from simrig.core.errors import SimrigError, unknown_name
 
 _TINY = 1e-12  # keeps denominators away from zero; far below any cosine that carries light
 
 
 def _colour(name: str, value: Sequence[float], largest: float = np.inf) -> np.ndarray:
-    array = np.asarray(value, dtype=np.float64)
+    array = read_only(value, np.float64)
     if array.shape != (3,) or not np.all(np.isfinite(array)) or array.min() < 0.0:
         raise SimrigError(f"{name} must be three finite values >= 0 (linear RGB), got {value!r}")
     if array.max() > largest:
@@ -46,29 +46,8 @@ class Lambert(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return {"albedo": self.albedo}
 
-    def structure(self) -> dict[str, Any]:
-        """Return the plain values that reconstruct the model together with ``data()``: none."""
-        return {}
-
-    @classmethod
-    def from_parts(
-        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> Lambert:
-        """Rebuild the model from ``structure()`` and ``data()``."""
-        return cls(tuple(data["albedo"]), name=name)
-
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
-        z = components(wi)[2]
-        return where_colour(
-            above_horizon(wi, wv), _spread(data["albedo"], 0.0 * z + 1.0 / np.pi, wi)
-        )
-
-
-def _spread(colour: Array, factor: Array, like: Array) -> Array:
-    """Return colour · factor as a colour of the type of ``like``."""
-    r, g, b = components(colour)
-    return vector(r * factor, g * factor, b * factor, like=like)
+    def look_up(self, wi: Array, wv: Array, tables: Mapping[str, Array]) -> Array:
+        return scale(tables["albedo"], 0.0 * components(wi)[2] + 1.0 / np.pi)
 
 
 def _half_vector_terms(wi: Array, wv: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -95,6 +74,14 @@ def _exp_or_zero(exponent: Array) -> Array:
     """Return the exponential, and exactly 0 where float32 would lose digits to denormals."""
     xp = namespace(exponent)
     return xp.select(exponent < -80.0, 0.0, xp.exp(xp.maximum(exponent, -80.0)))
+
+
+@dataclass(frozen=True)
+class _WardParameters:
+    k_d: Array
+    k_s: Array
+    m_x: Array
+    m_y: Array
 
 
 class Ward(Brdf):
@@ -142,28 +129,15 @@ class Ward(Brdf):
         }
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that reconstruct the model together with ``data()``."""
         return {"variant": self.variant}
 
-    @classmethod
-    def from_parts(
-        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> Ward:
-        """Rebuild the model from ``structure()`` and ``data()``."""
-        return cls(
-            tuple(data["k_d"].tolist()),
-            tuple(data["k_s"].tolist()),
-            float(data["m_x"]),
-            float(data["m_y"]),
-            str(structure["variant"]),
-            name,
-        )
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _WardParameters:
+        return _WardParameters(**data)
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
+    def look_up(self, wi: Array, wv: Array, tables: _WardParameters) -> Array:
         x, y, z, squared, _ = _half_vector_terms(wi, wv)
         xp = namespace(x)
-        m_x, m_y = data["m_x"], data["m_y"]
+        m_x, m_y = tables.m_x, tables.m_y
         slope_x, slope_y = x / (z * m_x), y / (z * m_y)
         exponent = -(slope_x * slope_x + slope_y * slope_y)
         lobe = _exp_or_zero(exponent) / (4.0 * np.pi * m_x * m_y)
@@ -175,9 +149,7 @@ class Ward(Brdf):
         else:
             # in this order nothing overflows or underflows in float32, as 4|h|²/z⁴ would
             lobe = lobe * (squared / (z * z)) * (4.0 / (z * z))
-        k_d, k_s = data["k_d"], data["k_s"]
-        value = _spread(k_d, 0.0 * z + 1.0 / np.pi, wi) + _spread(k_s, lobe, wi)
-        return where_colour(above_horizon(wi, wv), value)
+        return scale(tables.k_d, 0.0 * z + 1.0 / np.pi) + scale(tables.k_s, lobe)
 
 
 @dataclass(frozen=True)
@@ -205,6 +177,24 @@ class KurtLobe:
         _number("alpha", self.alpha, 0.0, 1.0)
 
 
+_LOBE_FIELDS = tuple(field.name for field in fields(KurtLobe))
+
+
+@dataclass(frozen=True)
+class _LobeParameters:
+    k_s: Array
+    f_0: Array
+    m_x: Array
+    m_y: Array
+    alpha: Array
+
+
+@dataclass(frozen=True)
+class _KurtParameters:
+    k_d: Array
+    lobes: tuple[_LobeParameters, ...]
+
+
 @dataclass(eq=False)
 class Kurt(Brdf):
     """The anisotropic microfacet model of Kurt, Szirmay-Kalos and Křivánek 2010.
@@ -223,7 +213,6 @@ class Kurt(Brdf):
     k_d: tuple[float, float, float]
     lobes: tuple[KurtLobe, ...]
     name: str = "kurt"
-    _device: dict = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         _colour("k_d", self.k_d)
@@ -233,30 +222,35 @@ class Kurt(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         data = {"k_d": np.asarray(self.k_d, dtype=np.float64)}
         for index, lobe in enumerate(self.lobes, start=1):
-            for key in ("k_s", "f_0", "m_x", "m_y", "alpha"):
+            for key in _LOBE_FIELDS:
                 data[f"lobe_{index}_{key}"] = np.asarray(getattr(lobe, key), dtype=np.float64)
         return data
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that reconstruct the model together with ``data()``."""
         return {"lobes": len(self.lobes)}
 
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> Kurt:
-        """Rebuild the model from ``structure()`` and ``data()``."""
         lobes = tuple(
             KurtLobe(
                 tuple(data[f"lobe_{index}_k_s"].tolist()),
-                *(float(data[f"lobe_{index}_{key}"]) for key in ("f_0", "m_x", "m_y", "alpha")),
+                *(float(data[f"lobe_{index}_{key}"]) for key in _LOBE_FIELDS[1:]),
             )
             for index in range(1, int(structure["lobes"]) + 1)
         )
         return cls(tuple(data["k_d"].tolist()), lobes, name)
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _KurtParameters:
+        numbers = range(1, len(self.lobes) + 1)
+        lobes = tuple(
+            _LobeParameters(**{key: data[f"lobe_{index}_{key}"] for key in _LOBE_FIELDS})
+            for index in numbers
+        )
+        return _KurtParameters(data["k_d"], lobes)
+
+    def look_up(self, wi: Array, wv: Array, tables: _KurtParameters) -> Array:
         x, y, z, squared, v_dot_h = _half_vector_terms(wi, wv)
         xp = namespace(x)
         cosines = xp.maximum(components(wi)[2] * components(wv)[2], _TINY)
@@ -266,19 +260,16 @@ class Kurt(Brdf):
         v_dot_h = xp.maximum(v_dot_h, 1e-6)
         one_minus = _one_minus_v_dot_h(wi, wv, v_dot_h)
         schlick = one_minus * one_minus * one_minus * one_minus * one_minus
-        value = _spread(data["k_d"], 0.0 * z + 1.0 / np.pi, wi)
-        for index in range(1, len(self.lobes) + 1):
-            lobe = {
-                key: data[f"lobe_{index}_{key}"] for key in ("k_s", "f_0", "m_x", "m_y", "alpha")
-            }
-            slope_x, slope_y = tangent_x / lobe["m_x"], tangent_y / lobe["m_y"]
-            fresnel = lobe["f_0"] + (1.0 - lobe["f_0"]) * schlick
+        value = scale(tables.k_d, 0.0 * z + 1.0 / np.pi)
+        for lobe in tables.lobes:
+            slope_x, slope_y = tangent_x / lobe.m_x, tangent_y / lobe.m_y
+            fresnel = lobe.f_0 + (1.0 - lobe.f_0) * schlick
             # one exponential for D and the cosine power
-            exponent = -(slope_x * slope_x + slope_y * slope_y) - lobe["alpha"] * log_cosines
+            exponent = -(slope_x * slope_x + slope_y * slope_y) - lobe.alpha * log_cosines
             lobe_value = (
                 fresnel
                 * _exp_or_zero(exponent)
-                / (np.pi * lobe["m_x"] * lobe["m_y"] * cos_squared * cos_squared * 4.0 * v_dot_h)
+                / (np.pi * lobe.m_x * lobe.m_y * cos_squared * cos_squared * 4.0 * v_dot_h)
             )
-            value = value + _spread(lobe["k_s"], lobe_value, wi)
-        return where_colour(above_horizon(wi, wv), value)
+            value = value + scale(lobe.k_s, lobe_value)
+        return value

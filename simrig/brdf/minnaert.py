@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon
-from simrig.core.arrays import Array, components, namespace, vector, where_colour
+from simrig.brdf.protocol import Brdf
+from simrig.core.arrays import Array, components, namespace, read_only, scale
 from simrig.core.errors import SimrigError
 
 EXPONENTS = (-8.0, 100.0)
@@ -35,7 +35,7 @@ class Minnaert(Brdf):
         exponent: float = 1.0,
         name: str = "minnaert",
     ):
-        self.k = np.asarray(k, dtype=np.float64)
+        self.k = read_only(k, np.float64)
         if self.k.shape != (3,) or not np.all(np.isfinite(self.k)) or self.k.min() < 0.0:
             raise SimrigError(f"k must be three finite values >= 0 (linear RGB), got {k!r}")
         low, high = EXPONENTS
@@ -46,26 +46,11 @@ class Minnaert(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return {"k": self.k, "exponent": np.asarray(self.exponent)}
 
-    def structure(self) -> dict[str, Any]:
-        """Return the plain values that reconstruct the model together with ``data()``: none."""
-        return {}
-
-    @classmethod
-    def from_parts(
-        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> Minnaert:
-        """Rebuild the model from ``structure()`` and ``data()``."""
-        return cls(tuple(data["k"].tolist()), float(data["exponent"]), name)
-
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
+    def look_up(self, wi: Array, wv: Array, tables: Mapping[str, Array]) -> Array:
         z_i, z_v = components(wi)[2], components(wv)[2]
         xp = namespace(z_i)
-        log_lobe = data["exponent"] * xp.log(xp.maximum(z_i * z_v, _TINY))
-        lobe = xp.exp(xp.clip(log_lobe, -_LARGEST_LOG, _LARGEST_LOG))
-        red, green, blue = components(data["k"])
-        value = vector(red * lobe, green * lobe, blue * lobe, like=wi)
-        return where_colour(above_horizon(wi, wv), value)
+        log_lobe = tables["exponent"] * xp.log(xp.maximum(z_i * z_v, _TINY))
+        return scale(tables["k"], xp.exp(xp.clip(log_lobe, -_LARGEST_LOG, _LARGEST_LOG)))
 
 
 class MinnaertFit(NamedTuple):

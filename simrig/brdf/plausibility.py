@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.albedo import directional_albedo
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.directions.spherical import to_vector
 
@@ -53,7 +52,7 @@ def plausibility(brdf: Brdf, seed: int = 0) -> Plausibility:
     """
     top = min(float(np.degrees(brdf.theta_max)), 89.0)
     views = tuple(view for view in _VIEWS_DEG if view <= top)
-    albedo = np.array([directional_albedo(brdf, np.radians(v), 0.0, *_NODES) for v in views])
+    albedo = np.array([brdf.directional_albedo(np.radians(v), 0.0, *_NODES) for v in views])
     rng = np.random.default_rng(seed)
     lowest = np.cos(np.radians(top))
     wi, wv = (

@@ -9,33 +9,42 @@ coefficients are exactly those of f_r and the average of the whole tile is exact
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from simrig.brdf.tables.packed import prepare_table, read_colour
+from simrig.brdf.tables.packed import Colours, colour_table
 from simrig.brdf.tables.packed_bfloat16 import (
     EIGHT,
+    Eights,
     eight_of,
-    gather_eight,
+    eights,
     inner,
     joined,
-    pack_bfloat16,
 )
 from simrig.btf.factors import factorise
 from simrig.btf.grid import PairGrid
-from simrig.btf.mipmap import MOST_ANISOTROPY, Mipmap, Texel, box_average
+from simrig.btf.mipmap import MOST_ANISOTROPY, Mipmap, MipTexel, box_average
 from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
-from simrig.core.arrays import Array, float_type, scale, vector
+from simrig.core.arrays import Array, float_type, multiply_add, read_only, vector
 from simrig.core.errors import SimrigError
 from simrig.directions.triangulation import BarycentricLocation
 
 MOST_COMPONENTS = 64  # of a view, eight packets
 TOLERANCE = 0.2
-_FACTORS = ("basis", "coefficients")
+_Places = tuple[BarycentricLocation, BarycentricLocation]  # of light and view
+
+
+@dataclass(frozen=True)
+class _FactorTables:
+    gain: Array
+    mean: Colours
+    basis: Eights
+    coefficients: Eights
+    levels: Array
 
 
 class FactoredBtf(SpatialBrdf):
@@ -49,7 +58,7 @@ class FactoredBtf(SpatialBrdf):
         basis: B_k in 1/sr, (n · m, 3, k).
         coefficients: C_k of all levels, each level view by view, (texels · m, k).
         grid: the measured directions.
-        pyramid: the levels.
+        mipmap: the levels.
         name: what reports call it.
         error: of the approximation, as ``from_stack`` says.
     """
@@ -78,7 +87,7 @@ class FactoredBtf(SpatialBrdf):
         if shapes != wanted or components % EIGHT or not components:
             raise SimrigError(f"factors of shapes {shapes} do not fit BTF '{name}'")
         self._mean, self._basis, self._coefficients = (
-            np.ascontiguousarray(table, dtype=np.float32) for table in (mean, basis, coefficients)
+            read_only(table, np.float32) for table in (mean, basis, coefficients)
         )
         self.grid, self.mipmap, self.name, self.error = grid, mipmap, name, float(error)
         self.theta_max = grid.theta_max
@@ -143,7 +152,6 @@ class FactoredBtf(SpatialBrdf):
         }
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that reconstruct the BTF together with ``data()``."""
         return {
             "lights": self.grid.lights.ravel().tolist(),
             "views": self.grid.views.ravel().tolist(),
@@ -157,7 +165,7 @@ class FactoredBtf(SpatialBrdf):
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> FactoredBtf:
-        """Rebuild a BTF from ``structure()`` and ``data()``.
+        """Reconstruct a BTF from ``structure()`` and ``data()``.
 
         Raises:
             SimrigError: factors that all views share, as simrig wrote them at first.
@@ -178,70 +186,46 @@ class FactoredBtf(SpatialBrdf):
             float(structure["error"]),
         )
 
-    def prepare(
-        self, data: Mapping[str, Array], differentiable: bool = True
-    ) -> Mapping[str, Array]:
-        kind = float_type(data["gain"])
-        single = dr.is_jit_v(kind) and dr.type_v(kind) == dr.VarType.Float32
-        factors = {name: data[name] for name in _FACTORS}
-        if single and not differentiable:
-            factors = {name: pack_bfloat16(table) for name, table in factors.items()}
-        mean = prepare_table({"values": data["mean"]}, differentiable)
-        return {"gain": data["gain"], **mean, **factors, **self.mipmap.tables(kind)}
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _FactorTables:
+        return _FactorTables(
+            data["gain"],
+            colour_table(data["mean"], differentiable),
+            eights(data["basis"], differentiable),
+            eights(data["coefficients"], differentiable),
+            self.mipmap.levels(float_type(data["gain"])),
+        )
 
     @property
     def layers(self) -> int:
         """Packets of eight components."""
         return self.components // EIGHT
 
-    def context(
-        self, light: BarycentricLocation, view: BarycentricLocation
-    ) -> tuple[BarycentricLocation, BarycentricLocation]:
+    def context(self, light: BarycentricLocation, view: BarycentricLocation) -> _Places:
         return light, view
 
     def texel(
-        self,
-        context: tuple[BarycentricLocation, BarycentricLocation],
-        layer: Array,
-        texel: Texel,
-        data: Mapping[str, Array],
-        active: Array,
+        self, context: _Places, layer: Array, texel: MipTexel, tables: _FactorTables
     ) -> Array:
         first = texel.start * len(self.grid.views) + texel.index
-        eights = []
-        for node in context[1].nodes:
-            index = (first + node * texel.count) * self.layers + layer
-            eights.append(gather_eight(data["coefficients"], index, active))
-        return joined(eights)
+        places = ((first + node * texel.count) * self.layers + layer for node in context[1].nodes)
+        return joined([tables.coefficients.read(place) for place in places])
 
     def finish(
-        self,
-        context: tuple[BarycentricLocation, BarycentricLocation],
-        layer: Array,
-        average: Array,
-        data: Mapping[str, Array],
-        active: Array,
+        self, context: _Places, layer: Array, average: Array, tables: _FactorTables
     ) -> Array:
         def read(pair: Array, corner: int) -> Array:
             numbers = eight_of(average, corner)
             channels = [((pair * 3) + channel) * self.layers + layer for channel in range(3)]
-            found = (gather_eight(data["basis"], index, active) for index in channels)
-            return vector(*(inner(numbers, eight) for eight in found))
+            return vector(*(inner(numbers, tables.basis.read(index)) for index in channels))
 
         return self._over_pairs(context, read)
 
-    def average_over_tile(
-        self,
-        context: tuple[BarycentricLocation, BarycentricLocation],
-        data: Mapping[str, Array],
-        like: Array,
-        active: Array,
-    ) -> Array:
-        return self._over_pairs(context, lambda pair, _: read_colour(data, pair, like, active))
+    def average_over_tile(self, context: _Places, tables: _FactorTables, like: Array) -> Array:
+        return self._over_pairs(context, lambda pair, _: tables.mean.read(pair))
 
     def _over_pairs(
         self,
-        context: tuple[BarycentricLocation, BarycentricLocation],
+        context: _Places,
         read: Callable[[Array, int], Array],
     ) -> Array:
         """Return the blend of what is read of the nine pairs, by number and corner of the view."""
@@ -249,6 +233,6 @@ class FactoredBtf(SpatialBrdf):
         total: Array = None
         for i, v in product(range(3), repeat=2):
             pair = light.nodes[i] * len(self.grid.views) + view.nodes[v]
-            colour = scale(read(pair, v), light.weights[i] * view.weights[v])
-            total = colour if total is None else total + colour
+            weight = light.weights[i] * view.weights[v]
+            total = multiply_add(read(pair, v), weight, total)
         return total

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.tables.packed import pack_colours, read_packed
+from simrig.brdf.tables.packed import PackedColours, pack_colours
 from simrig.btf.grid import PairGrid
-from simrig.btf.mipmap import MOST_ANISOTROPY, Mipmap, Texel, box_average, level_shapes
-from simrig.btf.spatial import SpatialBrdf, cached
+from simrig.btf.mipmap import MOST_ANISOTROPY, Mipmap, MipTexel, box_average, level_shapes
+from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BLOCK_BYTES, BtfStack
-from simrig.core.arrays import Array, float_type, scale
+from simrig.core.arrays import Array, float_type, multiply_add, read_only
 from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.kept import kept
 from simrig.directions.triangulation import BarycentricLocation
 
 BUDGET_BYTES = 2 << 30  # of a stack's look-up table, unless told otherwise
@@ -24,8 +26,15 @@ _MOST_TEXELS = 2**32 - 1  # what 32-bit indices reach
 _Pairs = list[tuple[Array, Array]]  # numbers of the pairs around directions, and their weights
 
 
+@dataclass(frozen=True)
+class _FullTables:
+    gain: Array
+    texels: PackedColours
+    levels: Array
+
+
 class FullBtf(SpatialBrdf):
-    """Look-up of 3 × 3 images around the directions, bilinear, in a pyramid of box averages.
+    """Look-up of 3 × 3 images around the directions, bilinear, in a mipmap of box averages.
 
     Values keep 12 bits of mantissa (``simrig.brdf.tables.packed``: off by at most 1.2e-4 of
     themselves). They are read only: a material under optimisation needs the factored form.
@@ -33,10 +42,8 @@ class FullBtf(SpatialBrdf):
     Made by ``from_stack``.
     """
 
-    kind = "btf_full"
-
     def __init__(self, packed: np.ndarray, grid: PairGrid, mipmap: Mipmap, name: str):
-        self._packed, self.grid, self.mipmap, self.name = packed, grid, mipmap, name
+        self._packed, self.grid, self.mipmap, self.name = read_only(packed), grid, mipmap, name
         self.theta_max = grid.theta_max
 
     @classmethod
@@ -76,6 +83,7 @@ class FullBtf(SpatialBrdf):
             )
             number = np.array([light * len(grid.views) + view])
             _store(packed, mipmap, grid.pairs, number, np.asarray(image)[None])
+        packed.flags.writeable = False  # nobody else has it: no copy is needed
         return cls(packed, grid, mipmap, stack.name)
 
     @property
@@ -85,15 +93,13 @@ class FullBtf(SpatialBrdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return {"gain": np.ones(3)}
 
-    def prepare(
-        self, data: Mapping[str, Array], differentiable: bool = True
-    ) -> Mapping[str, Array]:
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _FullTables:
         kind = float_type(data["gain"])
-        table: Any = self._packed
+        words: Any = self._packed
         if dr.is_jit_v(kind):
             wide: Any = dr.uint64_array_t(kind)
-            table = cached(self, kind, "packed", lambda: wide(self._packed))
-        return {"gain": data["gain"], "packed": table, **self.mipmap.tables(kind)}
+            words = kept(self, ("words", kind), lambda: wide(self._packed))
+        return _FullTables(data["gain"], PackedColours(words), self.mipmap.levels(kind))
 
     def context(self, light: BarycentricLocation, view: BarycentricLocation) -> _Pairs:
         count = len(self.grid.views)
@@ -103,15 +109,11 @@ class FullBtf(SpatialBrdf):
             for v in range(3)
         ]
 
-    def texel(
-        self, context: _Pairs, layer: Array, texel: Texel, data: Mapping[str, Array], active: Array
-    ) -> Array:
+    def texel(self, context: _Pairs, layer: Array, texel: MipTexel, tables: _FullTables) -> Array:
         first = texel.start * self.grid.pairs + texel.index
         value: Array = None
         for pair, weight in context:
-            colour = read_packed(data["packed"], first + pair * texel.count, data["gain"], active)
-            colour = scale(colour, weight)
-            value = colour if value is None else value + colour
+            value = multiply_add(tables.texels.read(first + pair * texel.count), weight, value)
         return value
 
 

@@ -9,7 +9,7 @@ levels linear. A footprint longer than wide is covered by several samples along 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,13 +20,14 @@ from simrig.core.arrays import (
     Array,
     array_type,
     gather,
-    is_numpy,
+    multiply_add,
     namespace,
     scale,
     to_device,
     to_index,
 )
 from simrig.core.errors import SimrigError
+from simrig.core.kept import kept
 
 MOST_ANISOTROPY = 8  # along the major axis, unless told otherwise
 _SMALLEST = 1e-12  # of a footprint's width, in texels
@@ -51,8 +52,8 @@ class Footprint:
 
 
 @dataclass(frozen=True)
-class Texel:
-    """Texels of one look-up, one per ray.
+class MipTexel:
+    """MipTexels of one look-up, one per ray.
 
     Attributes:
         start: texels of one image in all finer levels.
@@ -97,34 +98,33 @@ class Mipmap:
         height, width = self.shapes[0]
         self.texel_mm = min(size_mm[0] / width, size_mm[1] / height)
 
-    def tables(self, kind: type) -> Mapping[str, Array]:
-        """Return the numbers of the levels as tables for a float type.
+    def levels(self, kind: type) -> Array:
+        """Return the numbers of the levels as a flat table of a float type, made once and kept.
 
         Whole numbers below 2²⁴ are exact as float32; larger starts are split in two.
         """
         high, low = np.divmod(self.starts, 1 << 16)
         rows = np.column_stack([np.array(self.shapes), high, low]).astype(np.float64)
-        table = to_device(rows, kind)
-        return {"levels": table.reshape(-1) if is_numpy(table) else table}
+        return kept(self, ("levels", kind), lambda: to_device(rows.reshape(-1), kind))
 
     def average(
         self,
         footprint: Footprint,
-        tables: Mapping[str, Array],
-        look_up: Callable[[Texel], Array],
+        levels: Array,
+        look_up: Callable[[MipTexel], Array],
         numbers: int = 3,
     ) -> Array:
         """Return the average over footprints.
 
         Args:
             footprint: what is seen.
-            tables: what ``tables`` returned.
+            levels: what ``levels`` returned.
             look_up: returns the numbers of texels that are averaged: a colour, or
             numbers: that many.
         """
         if footprint.width is None:
             level = to_index(0.0 * footprint.x)
-            return self._level(footprint.x, footprint.y, level, 1.0, tables, look_up)
+            return self._level(footprint.x, footprint.y, level, 1.0, levels, look_up)
         xp = namespace(footprint.width)
         width = xp.maximum(footprint.width, _SMALLEST * self.texel_mm)
         length = xp.sqrt(footprint.major_x**2 + footprint.major_y**2)
@@ -138,15 +138,15 @@ class Mipmap:
         share = level - lower  # of the coarser level
 
         def sample(number: Array) -> Array:
-            """Return the share of one probe in one level: first those in the finer one."""
+            """Return the share of one sample in one level: first those in the finer one."""
             coarser = number >= count
-            probe = number - xp.select(coarser, count, 0.0)
-            along = (probe + 0.5) / count - 0.5
+            place = number - xp.select(coarser, count, 0.0)
+            along = (place + 0.5) / count - 0.5
             x = footprint.x + along * footprint.major_x
             y = footprint.y + along * footprint.major_y
             part = xp.select(coarser, share, 1.0 - share)
             rank = lower + to_index(xp.select(coarser, 1.0, 0.0))
-            return self._level(x, y, rank, part / count, tables, look_up)
+            return self._level(x, y, rank, part / count, levels, look_up)
 
         samples = xp.select(share > 0.0, 2.0 * count, count)
         if dr.is_jit_v(samples):
@@ -165,13 +165,13 @@ class Mipmap:
         y: Array,
         level: Array,
         share: Array,
-        tables: Mapping[str, Array],
-        look_up: Callable[[Texel], Array],
+        levels: Array,
+        look_up: Callable[[MipTexel], Array],
     ) -> Array:
         """Return the share of one level: four texels around a point."""
         column = _fraction(x * (1.0 / self.size_mm[0]))
         row = _fraction(y * (-1.0 / self.size_mm[1]))
-        return _bilinear(row, column, level, share, tables, look_up)
+        return _bilinear(row, column, level, share, levels, look_up)
 
 
 def level_shapes(resolution: tuple[int, int]) -> list[tuple[int, int]]:
@@ -230,21 +230,19 @@ def _bilinear(
     column: Array,
     level: Array,
     share: Array,
-    tables: Mapping[str, Array],
-    look_up: Callable[[Texel], Array],
+    levels: Array,
+    look_up: Callable[[MipTexel], Array],
 ) -> Array:
     """Return the share of one level: four texels around a point of the unit square."""
-    height, width, high, low = (gather(tables["levels"], level * 4 + k) for k in range(4))
+    height, width, high, low = (gather(levels, level * 4 + k) for k in range(4))
     rows, columns = _neighbours(row, height), _neighbours(column, width)
     stride, start = to_index(width), to_index(high) * 65536 + to_index(low)
     count = to_index(height) * stride
     total: Array = None
     for r, share_r in rows:
         for c, share_c in columns:
-            texel = Texel(start, count, r * stride + c, share * share_r * share_c)
-            value = look_up(texel)
-            value = scale(value, texel.weight)
-            total = value if total is None else total + value
+            texel = MipTexel(start, count, r * stride + c, share * share_r * share_c)
+            total = multiply_add(look_up(texel), texel.weight, total)
     return total
 
 

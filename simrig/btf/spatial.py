@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.protocol import Brdf
 from simrig.btf.grid import PairGrid
-from simrig.btf.mipmap import Footprint, Mipmap, Texel
-from simrig.core.arrays import Array, float_type, is_numpy, vector_type, where_colour
+from simrig.btf.mipmap import Footprint, Mipmap, MipTexel
+from simrig.core.arrays import Array, float_type, is_numpy, namespace, vector_type
 from simrig.directions.triangulation import BarycentricLocation
 
 
@@ -26,7 +26,7 @@ class SpatialBrdf(Brdf):
 
     Attributes:
         grid: the measured directions.
-        pyramid: the texels of every level.
+        mipmap: the texels of every level.
     """
 
     reciprocal = False
@@ -55,66 +55,62 @@ class SpatialBrdf(Brdf):
         """Return what look-ups need of the directions' places, whatever the texel."""
 
     @abstractmethod
-    def texel(
-        self, context: Any, layer: Array, texel: Texel, data: Mapping[str, Array], active: Array
-    ) -> Array:
+    def texel(self, context: Any, layer: Array, texel: MipTexel, tables: Any) -> Array:
         """Return what is averaged over texels: the part's f_r, or what ``finish`` takes.
 
         Args:
             context: of the directions.
             layer: number of the part.
             texel: where.
-            data: the prepared arrays.
-            active: mask.
+            tables: what ``prepare`` returned.
         """
 
-    def finish(
-        self, context: Any, layer: Array, average: Array, data: Mapping[str, Array], active: Array
-    ) -> Array:
+    def finish(self, context: Any, layer: Array, average: Array, tables: Any) -> Array:
         """Return the part's f_r from averaged texels."""
         return average
 
-    def average_over_tile(
-        self, context: Any, data: Mapping[str, Array], like: Array, active: Array
-    ) -> Array:
+    def average_over_tile(self, context: Any, tables: Any, like: Array) -> Array:
         """Return f_r averaged over the whole tile, a colour of the type of ``like``."""
         index = index_of(like)
-        texel = Texel(index(int(self.mipmap.starts[-1])), index(1), index(0), 1.0)
-        return self.texel(context, index(0), texel, data, active)
+        texel = MipTexel(index(int(self.mipmap.starts[-1])), index(1), index(0), 1.0)
+        return self.texel(context, index(0), texel, tables)
 
-    def eval_at(
-        self,
-        wi: Array,
-        wv: Array,
-        footprint: Footprint,
-        data: Mapping[str, Array] | None = None,
-    ) -> Array:
+    def look_up(self, wi: Array, wv: Array, tables: Any) -> Array:
+        context = self.context(*self.directions(wi, wv))
+        return finished(self.average_over_tile(context, tables, wi), tables.gain)
+
+    def look_up_at(self, wi: Array, wv: Array, footprint: Footprint, tables: Any) -> Array:
+        """Return the average of f_r over footprints, for valid directions (see ``look_up``)."""
+        context = self.context(*self.directions(wi, wv))
+
+        def layer(number: Array) -> Array:
+            def texel(texel: MipTexel) -> Array:
+                return self.texel(context, number, texel, tables)
+
+            average = self.mipmap.average(footprint, tables.levels, texel, self.texel_numbers)
+            return self.finish(context, number, average, tables)
+
+        value = self._sum(layer, index_of(wi), float_type(wi))
+        if self.deviations:
+            value = value + self.average_over_tile(context, tables, wi)
+        return finished(value, tables.gain)
+
+    def eval_at(self, wi: Array, wv: Array, footprint: Footprint, tables: Any = None) -> Array:
         """Return the average of f_r over footprints.
 
         Args:
             wi, wv: illumination and view, as for ``eval``.
             footprint: where on the tile, numbers of the type of the directions' components.
-            data: as for ``eval``.
+            tables: as for ``eval``.
+
+        Returns:
+            As ``eval``: linear RGB in 1/sr, black for directions that are none.
         """
-        data = self._data_for(wi, data)
-        active = _valid(wi, wv)
-        context = self.context(*self.directions(wi, wv))
 
-        def layer(number: Array) -> Array:
-            look_up = lambda texel: self.texel(context, number, texel, data, active)  # noqa: E731
-            average = self.mipmap.average(footprint, data, look_up, self.texel_numbers)
-            return self.finish(context, number, average, data, active)
+        def at(wi: Array, wv: Array, tables: Any) -> Array:
+            return self.look_up_at(wi, wv, footprint, tables)
 
-        value = self._sum(layer, index_of(wi), float_type(wi))
-        if self.deviations:
-            value = value + self.average_over_tile(context, data, wi, active)
-        return where_colour(active, finished(value, data["gain"], wi))
-
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
-        active = _valid(wi, wv)
-        value = self.average_over_tile(self.context(*self.directions(wi, wv)), data, wi, active)
-        return where_colour(active, finished(value, data["gain"], wi))
+        return self._masked(wi, wv, tables, at)
 
     def _sum(self, layer: Callable[[Array], Array], index: Any, kind: type) -> Array:
         """Return the sum of the layers."""
@@ -127,20 +123,12 @@ class SpatialBrdf(Brdf):
 
     def directions(self, wi: Array, wv: Array) -> tuple[BarycentricLocation, BarycentricLocation]:
         """Return where both directions lie among the measured ones."""
-        kind = float_type(wi)
-        light, view = self.grid.light, self.grid.view
-        return light.locate(wi, light.tables(kind)), view.locate(wv, view.tables(kind))
+        return self.grid.light.locate(wi), self.grid.view.locate(wv)
 
 
 def index_of(direction: Array) -> Any:
-    """Return a function that makes a whole number an index that fits directions."""
-    if is_numpy(direction):
-        shape = direction.shape[:-1]
-        return lambda number: np.full(shape, number, dtype=np.int64)
-    kind = float_type(direction)
-    if kind is float:
-        return int
-    return dr.uint32_array_t(kind)
+    """Return the type of whole numbers that index for directions."""
+    return np.int64 if is_numpy(direction) else dr.uint32_array_t(float_type(direction))
 
 
 def _sum_jit(layer: Callable[[Array], Array], index: Any, count: int, kind: type) -> Any:
@@ -159,26 +147,9 @@ def _sum_jit(layer: Callable[[Array], Array], index: Any, count: int, kind: type
     )[1]
 
 
-def _valid(wi: Array, wv: Array) -> Array:
-    active = above_horizon(wi, wv)
-    if is_numpy(active):
-        active = active & np.isfinite(wi).all(axis=-1) & np.isfinite(wv).all(axis=-1)
-    return active
-
-
-def finished(value: Array, gain: Array, like: Array) -> Array:
-    """Return a summed look-up times the gain, as a colour of the type of ``like``.
+def finished(value: Array, gain: Array) -> Array:
+    """Return a summed look-up times the gain.
 
     A form whose sum can fall below zero by its approximation is black there.
     """
-    if is_numpy(value):
-        return np.maximum(value, 0.0) * gain
-    return type(like)(*(dr.maximum(value[c], 0.0) * gain[c] for c in range(3)))
-
-
-def cached(owner: Any, kind: type, name: str, make: Callable[[], Array]) -> Array:
-    """Return a device array of an object, made once for a float type and kept with it."""
-    cache = owner.__dict__.setdefault("_arrays", {})
-    if (kind, name) not in cache:
-        cache[kind, name] = make()
-    return cache[kind, name]
+    return namespace(value).maximum(value, 0.0) * gain

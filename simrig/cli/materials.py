@@ -171,11 +171,7 @@ def _summary(brdf: Brdf, origin: str, views_deg: tuple[float, ...]) -> dict[str,
     """Return what one line of the list says, angles in degrees, albedo in linear RGB."""
     import numpy as np
 
-    from simrig.brdf.albedo import directional_albedo
-
-    albedo = {
-        f"{view:g}": directional_albedo(brdf, np.radians(view)).tolist() for view in views_deg
-    }
+    albedo = {f"{view:g}": brdf.directional_albedo(np.radians(view)).tolist() for view in views_deg}
     return {
         "name": brdf.name,
         "model": type(brdf).__name__,

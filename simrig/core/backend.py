@@ -43,10 +43,8 @@ OLDEST_LLVM = 16
 VARIANTS = (
     "llvm_ad_rgb",
     "cuda_ad_rgb",
-    "scalar_rgb",
     "llvm_ad_spectral",
     "cuda_ad_spectral",
-    "scalar_spectral",
 )
 _LLVM_PATH = "DRJIT_LIBLLVM_PATH"
 _OPTIX_PATH = "DRJIT_LIBOPTIX_PATH"
@@ -123,6 +121,15 @@ def variant_problem(variant: str) -> str | None:
     return None
 
 
+def scalar_problem(variant: str) -> str:
+    """Return why a scalar variant is not used, and what to choose instead."""
+    instead = variant.replace("scalar", "llvm_ad").replace("_double", "")
+    return (
+        f"variant '{variant}' calls Python once per ray, too slow for what simrig computes: "
+        f"choose '{instead}' or '{instead.replace('llvm', 'cuda')}'"
+    )
+
+
 def resolve(variant: str = "auto") -> str:
     """Return the variant that ``select`` would set, after every check and before any kernel.
 
@@ -134,6 +141,8 @@ def resolve(variant: str = "auto") -> str:
     """
     if variant == "auto":
         variant = "llvm_ad_rgb" if variant_problem("cuda_ad_rgb") else "cuda_ad_rgb"
+    if variant.startswith("scalar"):
+        raise SimrigError(scalar_problem(variant))
     if variant not in VARIANTS:
         raise unknown_name("variant", variant, (*VARIANTS, "auto"))
     problem = variant_problem(variant)

@@ -9,7 +9,6 @@ ray meets its triangle: >= 0 with sum 1, exact at nodes, continuous everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +28,7 @@ from simrig.core.arrays import (
     to_index,
 )
 from simrig.core.errors import SimrigError
+from simrig.core.kept import kept
 
 _GRID = 64  # cells of the table of first guesses, per axis
 _OUTSIDE = -1e-6  # barycentric coordinates above it count as inside
@@ -76,35 +76,21 @@ class HemisphereTriangulation:
         # row k of the transposed inverse gives coordinate k of a direction; its node stands beside
         rows[:, :3, :3] = np.linalg.inv(corners[simplices]).transpose(0, 2, 1)
         rows[:, :3, 3], rows[:, 3, :3] = self.triangles, neighbours
-        self._tables = {"rows": rows, "guess": np.zeros(_GRID**2, dtype=np.int64)}
-        centres = self._walk(_cell_centres(), self.tables(np.ndarray))
-        self._tables["guess"] = centres.triangle
-        self.__dict__.pop("_device")
+        flat = rows.reshape(-1)
+        start = _Tables(flat, np.zeros(_GRID**2, dtype=np.int64))
+        self._host = _Tables(flat, _walk(_cell_centres(), start).triangle)
 
-    def tables(self, kind: type) -> Mapping[str, Array]:
-        """Return the flat tables that ``locate`` reads, for a float type; made once and kept.
-
-        Args:
-            kind: ``np.ndarray``, ``float`` or a Dr.Jit float type.
-        """
-        cache: dict[type, dict[str, Array]] = self.__dict__.setdefault("_device", {})
-        if kind not in cache:
-            cache[kind] = {name: _table(value, kind) for name, value in self._tables.items()}
-        return cache[kind]
-
-    def locate(
-        self, direction: Array, tables: Mapping[str, Array] | None = None
-    ) -> BarycentricLocation:
+    def locate(self, direction: Array) -> BarycentricLocation:
         """Return the triangle's nodes and the barycentric coordinates of directions.
 
         Args:
             direction: unit vectors of the upper hemisphere: NumPy (..., 3) or a Dr.Jit 3-vector.
                 One below the horizon gives something valid but meaningless.
-            tables: what ``tables`` returned for the type of the direction.
         """
-        tables = self.tables(float_type(direction)) if tables is None else tables
+        kind = float_type(direction)
+        tables = kept(self, kind, lambda: self._host.on(kind))
         still = direction if is_numpy(direction) else dr.detach(direction)
-        found = self._walk(still, tables)
+        found = _walk(still, tables)
         if not is_numpy(direction) and dr.grad_enabled(direction):
             found = _in_triangle(direction, found.triangle, tables)
         xp = namespace(found.coordinates[0])
@@ -116,32 +102,25 @@ class HemisphereTriangulation:
             (a, b, c), (weights[0] * share, weights[1] * share, weights[2] * share)
         )
 
-    def _walk(self, direction: Array, tables: Mapping[str, Array]) -> _Found:
-        """Return the triangle of directions: from a guess across the edges that they are beyond."""
-        x, y, z = components(direction)
-        xp = namespace(x)
-        reach = 1.0 / (1.0 + xp.maximum(z, 0.0))  # the hemisphere is the unit disc
-        row, column = (_cell(c * reach) for c in (y, x))
-        triangle = to_index(gather(tables["guess"], row * _GRID + column))
 
-        def step(triangle: Array) -> tuple[_Found, Array, Array]:
-            found = _in_triangle(direction, triangle, tables)
-            a, b, c = found.coordinates
-            worst = xp.select(a <= b, xp.select(a <= c, 0, 2), xp.select(b <= c, 1, 2))
-            beyond = xp.minimum(a, xp.minimum(b, c)) < _OUTSIDE
-            if not is_numpy(worst):
-                worst = type(triangle)(worst)
-            across = (triangle * _ROWS + 3) * 4 + worst
-            following = to_index(gather(tables["rows"], across, beyond))
-            return found, beyond, xp.select(beyond, following, triangle)
+@dataclass(frozen=True)
+class _Tables:
+    """What a walk reads, flat.
 
-        if dr.is_jit_v(x):
-            return _walk_jit(step, triangle, type(x))
-        for _ in range(_MOST_STEPS):
-            found, beyond, triangle = step(triangle)
-            if not np.any(beyond):
-                break
-        return found
+    Attributes:
+        rows: four rows of four numbers per triangle (see ``_ROWS``).
+        guess: the triangle at each cell of the table of first guesses.
+    """
+
+    rows: Array
+    guess: Array
+
+    def on(self, kind: type) -> _Tables:
+        """Return these host tables for a float type; triangles as 32-bit indices on a device."""
+        if kind is np.ndarray:
+            return self
+        index: Any = dr.uint32_array_t(kind)
+        return _Tables(to_device(self.rows, kind), index(self.guess.astype(np.uint32)))
 
 
 @dataclass(frozen=True)
@@ -151,6 +130,34 @@ class _Found:
     triangle: Array
     coordinates: tuple[Array, Array, Array]
     nodes: tuple[Array, Array, Array]
+
+
+def _walk(direction: Array, tables: _Tables) -> _Found:
+    """Return the triangle of directions: from a guess across the edges that they are beyond."""
+    x, y, z = components(direction)
+    xp = namespace(x)
+    reach = 1.0 / (1.0 + xp.maximum(z, 0.0))  # the hemisphere is the unit disc
+    row, column = (_guess_row(c * reach) for c in (y, x))
+    triangle = to_index(gather(tables.guess, row * _GRID + column))
+
+    def step(triangle: Array) -> tuple[_Found, Array, Array]:
+        found = _in_triangle(direction, triangle, tables)
+        a, b, c = found.coordinates
+        worst = xp.select(a <= b, xp.select(a <= c, 0, 2), xp.select(b <= c, 1, 2))
+        beyond = xp.minimum(a, xp.minimum(b, c)) < _OUTSIDE
+        if not is_numpy(worst):
+            worst = type(triangle)(worst)
+        across = (triangle * _ROWS + 3) * 4 + worst
+        following = to_index(gather(tables.rows, across, beyond))
+        return found, beyond, xp.select(beyond, following, triangle)
+
+    if dr.is_jit_v(x):
+        return _walk_jit(step, triangle, type(x))
+    for _ in range(_MOST_STEPS):
+        found, beyond, triangle = step(triangle)
+        if not np.any(beyond):
+            break
+    return found
 
 
 def _walk_jit(step: Any, triangle: Any, number: Any) -> _Found:
@@ -171,15 +178,15 @@ def _walk_jit(step: Any, triangle: Any, number: Any) -> _Found:
     return _Found(last, tuple(numbers[:3]), tuple(numbers[3:]))
 
 
-def _in_triangle(direction: Array, triangle: Array, tables: Mapping[str, Array]) -> _Found:
+def _in_triangle(direction: Array, triangle: Array, tables: _Tables) -> _Found:
     x, y, z = components(direction)
-    rows = [gather_four(tables["rows"], triangle * _ROWS + corner) for corner in range(3)]
+    rows = [gather_four(tables.rows, triangle * _ROWS + corner) for corner in range(3)]
     a, b, c = (rx * x + ry * y + rz * z for rx, ry, rz, _ in rows)
     first, second, third = (row[3] for row in rows)
     return _Found(triangle, (a, b, c), (first, second, third))
 
 
-def _cell(coordinate: Array) -> Array:
+def _guess_row(coordinate: Array) -> Array:
     """Return the row or column of the guess table for a coordinate in [-1, 1]."""
     xp = namespace(coordinate)
     position = (coordinate + 1.0) * (0.5 * _GRID)
@@ -197,17 +204,6 @@ def _cell_centres() -> np.ndarray:
     shrink = 2.0 / (1.0 + inside) * np.sqrt(inside / squared)
     flat = np.stack([x.ravel(), y.ravel()], axis=-1) * shrink[:, None]
     return np.column_stack([flat, (1.0 - inside) / (1.0 + inside)])
-
-
-def _table(value: np.ndarray, kind: type) -> Array:
-    """Return a flat table for a float type; whole numbers as 32-bit indices on a device."""
-    if value.dtype.kind == "f":
-        flat = to_device(value, kind)
-        return flat.reshape(-1) if is_numpy(flat) else flat
-    if kind in (np.ndarray, float):
-        return value.reshape(-1)
-    index: Any = dr.uint32_array_t(kind)
-    return index(np.ascontiguousarray(value, dtype=np.uint32).reshape(-1))
 
 
 def _check(nodes: np.ndarray) -> None:

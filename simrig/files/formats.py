@@ -236,12 +236,12 @@ def _scaled(brdf: Brdf, factor: float, path: Path) -> Brdf:
     kind: Any = type(brdf)
     data = dict(brdf.data())
     name = "rgb" if "rgb" in data else "values"
-    if name not in data or not hasattr(kind, "from_parts"):
+    if name not in data:
         raise SimrigError(f"'{path}' holds a model, not a table: leave --factor out")
     data[name] = data[name] * np.asarray(factor, dtype=data[name].dtype)
     if name == "rgb":
         data["vndf"] = brdf.vndf  # type: ignore[attr-defined]
-    return kind.from_parts(brdf.structure(), data, brdf.name)  # type: ignore[attr-defined]
+    return kind.from_parts(brdf.structure(), data, brdf.name)
 
 
 def _read_hdf5(path: Path, _: ReadOptions) -> Found:

@@ -37,6 +37,7 @@ _HEADROOM = 1 << 16
 _NAMES_OF_0_1 = {
     "anisotropy": "probes",
     "brdf": "reflectance",
+    "intersections": "corners",
     "minnaert": "lafortune",
     "theta_step": "elevation_step",
     "thetas": "elevations",
@@ -54,6 +55,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "kurt": ("simrig.brdf.analytic", "Kurt"),
     "minnaert": ("simrig.brdf.minnaert", "Minnaert"),
     "lambert": ("simrig.brdf.analytic", "Lambert"),
+    "rbf": ("simrig.brdf.tables.rbf", "RbfBrdf"),
     "rgl": ("simrig.brdf.tables.rgl", "RglBrdf"),
     "slices": ("simrig.brdf.slices.slices", "SliceBrdf"),
     "ward": ("simrig.brdf.analytic", "Ward"),
@@ -177,7 +179,7 @@ def write_brdf(path: str | Path, brdf: Brdf, provenance: Mapping[str, Any] | Non
     Raises:
         SimrigError: for a kind that has no stored form.
     """
-    kind = getattr(brdf, "kind", None)
+    kind = brdf.kind
     if kind not in KINDS:
         raise SimrigError(
             f"a BRDF of type {type(brdf).__name__} has no stored form: resample it "
@@ -188,7 +190,7 @@ def write_brdf(path: str | Path, brdf: Brdf, provenance: Mapping[str, Any] | Non
         file.attrs["name"] = brdf.name
         file.attrs["theta_max_deg"] = float(np.degrees(brdf.theta_max))
         structure = file.create_group("structure")
-        for key, value in brdf.structure().items():  # type: ignore[attr-defined]
+        for key, value in brdf.structure().items():
             structure.attrs[key] = value
         data = file.create_group("data")
         for key, array in brdf.data().items():
@@ -206,13 +208,16 @@ def read_brdf(path: str | Path) -> Brdf:
         kind = name_now(_text(file.attrs.get("kind")))
         if kind not in KINDS:
             raise unknown_name("kind of stored reflectance", kind, KINDS)
-        module, name = KINDS[kind]
+        module, class_name = KINDS[kind]
         attributes = file["structure"].attrs.items()
         structure = names_now({key: _plain(value) for key, value in attributes})
-        data = {key: read_array(file["data"], key) for key in file["data"]}
-        build = getattr(import_module(module), name).from_parts
+        data = {key: np.asarray(read_array(file["data"], key)) for key in file["data"]}
+        for array in data.values():
+            array.flags.writeable = False  # nobody else has it: no copy is needed
+        build: type[Brdf] = getattr(import_module(module), class_name)
         try:
-            return build(structure, data, _text(file.attrs.get("name")) or Path(path).stem)
+            name = _text(file.attrs.get("name")) or Path(path).stem
+            return build.from_parts(structure, names_now(data), name)
         except SimrigError as error:
             raise SimrigError(f"'{path}': {error}") from error
         except (KeyError, ValueError, TypeError, IndexError) as error:

@@ -15,11 +15,11 @@ from scipy import stats
 
 from simrig.brdf.analytic import Kurt, KurtLobe, Lambert, Ward
 from simrig.brdf.kurt_materials import kurt_material
-from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.protocol import Brdf
 from simrig.brdf.slices.slices import SliceBrdf
 from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.dense import DenseTable
-from simrig.core.arrays import Array, components, vector, where_colour
+from simrig.core.arrays import Array, components, vector
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
 from simrig.plans.placement import SlicePlacement
@@ -38,11 +38,9 @@ class OneWay(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return {"base": np.asarray(0.2)}
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
-        value = data["base"] + 0.1 * components(wi)[0] + 0.15 * components(wv)[1]
-        colour = vector(value, 0.5 * value, 0.25 * value, like=wi)
-        return where_colour(above_horizon(wi, wv), colour)
+    def look_up(self, wi: Array, wv: Array, tables: Mapping[str, Array]) -> Array:
+        value = tables["base"] + 0.1 * components(wi)[0] + 0.15 * components(wv)[1]
+        return vector(value, 0.5 * value, 0.25 * value, like=wi)
 
 
 def small_table(seed: int = 7) -> DenseTable:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import gc
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
 from simrig.brdf.protocol import evaluate
 from simrig.core import backend
+from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.evaluation.stability.hard_cases import case_names, hard_case
-from simrig.plugins import make_bsdf
+from simrig.plugins import make_bsdf, one_line_errors
 from simrig.plugins.named import PLUGINS
 
 NAMES = [
@@ -177,32 +177,23 @@ def test_a_direction_that_is_not_a_number_is_black(brdf, tools, variant_llvm):
         assert np.all(result.numpy()[..., 1] > 0.0)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_scalar_variant_agrees(name, brdf, tools, rng):
-    material = brdf(name)
-    wi, wo = random_pairs(rng, 12)
-    u = rng.uniform(size=(12, 3))
-    backend.select("llvm_ad_rgb")
-    bsdf = make_bsdf(material, 20.0)
-    value = value_of(bsdf, tools, wi, wo)
-    pdf = bsdf.pdf(mi.BSDFContext(), tools.interaction(wi), mi.Vector3f(wo.T.copy())).numpy()
-    bs, _ = bsdf.sample(
-        mi.BSDFContext(), tools.interaction(wi), mi.Float(u[:, 0]), mi.Point2f(u[:, 1:].T.copy())
-    )
-    directions = bs.wo.numpy().T
-    backend.select("scalar_rgb")
-    bsdf = make_bsdf(material, 20.0)
-    for index in range(len(wi)):
-        si = dr.zeros(mi.SurfaceInteraction3f)
-        si.wi = mi.Vector3f(wi[index].tolist())
-        out = mi.Vector3f(wo[index].tolist())
-        one = bsdf.eval(mi.BSDFContext(), si, out)
-        assert np.array(one) == pytest.approx(value[index], rel=3e-3, abs=1e-7)
-        assert bsdf.pdf(mi.BSDFContext(), si, out) == pytest.approx(pdf[index], rel=1e-3)
-        bs, _ = bsdf.sample(
-            mi.BSDFContext(), si, float(u[index, 0]), mi.Point2f(u[index, 1:].tolist())
-        )
-        assert np.array(bs.wo) == pytest.approx(directions[index], abs=2e-4)
+@pytest.mark.parametrize(
+    "plugin",
+    [
+        {"type": "simrig_kurt", "material": "wood01"},
+        {"type": "simrig_lod", "near": {"type": "diffuse"}, "far": {"type": "diffuse"}},
+    ],
+)
+@pytest.mark.parametrize("variant", ["scalar_rgb", "scalar_spectral"])
+def test_a_scalar_variant_is_refused_with_what_to_choose(plugin, variant, variant_llvm):
+    try:
+        mi.set_variant(variant)
+        with pytest.raises(SimrigError) as caught, one_line_errors():
+            mi.load_dict(plugin)
+        assert plugin["type"] in str(caught.value)
+        assert variant.replace("scalar", "llvm_ad") in str(caught.value)
+    finally:
+        backend.select("llvm_ad_rgb")
 
 
 def test_no_name_shadows_a_plugin_of_mitsuba():
@@ -222,12 +213,12 @@ def test_no_garbage_is_collected_while_a_kernel_is_traced(tools, variant_llvm):
     """A collection there could free a BSDF that Dr.Jit is about to trace, a crash."""
 
     class Littering(tools.OneWay):
-        def eval(self, wi, wv, data=None):
+        def look_up(self, wi, wv, tables):
             litter = [[] for _ in range(5000)]  # far above the collector's threshold
             for item in litter:
                 item.append(item)
             during.append(gc.isenabled())
-            return super().eval(wi, wv, data)
+            return super().look_up(wi, wv, tables)
 
     during: list[bool] = []
     collections: list[str] = []

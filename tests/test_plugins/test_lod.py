@@ -9,7 +9,6 @@ import pytest
 from simrig.brdf.kurt_materials import kurt_material
 from simrig.btf.full import FullBtf
 from simrig.btf.synthetic import bumps
-from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.plugins import make_bsdf, make_btf, one_line_errors
 
@@ -106,22 +105,6 @@ def test_a_mirror_can_fade(far, tools) -> None:
     mirrored = np.array(mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta))
     assert 0.45 < mirrored.mean() < 0.55
     np.testing.assert_allclose(np.array(weight)[:, mirrored], 1.0, rtol=1e-5)
-
-
-def test_the_scalar_variant_switches_too() -> None:
-    backend.select("scalar_rgb")
-    near, far = {"type": "diffuse"}, {"type": "simrig_kurt", "material": "fabric112"}
-    bsdf = mi.load_dict(lod(near, far, distance=10.0))
-    other = mi.load_dict(far)
-    si = mi.SurfaceInteraction3f()
-    si.wi = mi.Vector3f(0.0, 0.0, 1.0)
-    for t, expected in ((5.0, 0.5 / np.pi * 0.8), (20.0, None)):
-        si.t = t
-        value = bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(0.0, 0.6, 0.8))
-        if expected is None:
-            expected = np.array(other.eval(mi.BSDFContext(), si, mi.Vector3f(0.0, 0.6, 0.8)))
-        np.testing.assert_allclose(np.array(value), expected, rtol=1e-5)
-    backend.select("llvm_ad_rgb")
 
 
 @pytest.mark.parametrize(

@@ -23,10 +23,13 @@ class Turned(Brdf):
     def data(self):
         return self.inner.data()
 
-    def eval(self, wi, wv, data=None):
+    def prepare(self, data, differentiable=True):
+        return self.inner.prepare(data, differentiable)
+
+    def look_up(self, wi, wv, tables):
         c, s = np.cos(self.angle), np.sin(self.angle)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return self.inner.eval(wi @ turn, wv @ turn, data)
+        return self.inner.look_up(wi @ turn, wv @ turn, tables)
 
 
 def relative_second_moment(brdf: Brdf, mixture) -> np.ndarray:

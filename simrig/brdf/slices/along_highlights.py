@@ -28,8 +28,8 @@ from collections.abc import Callable
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.slices.slices import cell
-from simrig.core.arrays import Array, components, is_numpy, lerp, namespace, vector
+from simrig.brdf.slices.cells import diagonal_row, half_step
+from simrig.core.arrays import Array, cell, components, is_numpy, lerp, namespace, vector
 from simrig.directions import wrap_angle
 
 FULL_SHIFT = float(np.radians(2.0))  # polar angles this far apart follow φ_h completely
@@ -88,38 +88,49 @@ def shift_strength(theta_i: Array, theta_v: Array) -> Array:
 
 
 def swept_along_highlights(
-    axial: Slice, diagonal: Slice, m: Array, d: Array, a_n: int, shift: Callable[[Array], Array]
+    axial: Slice,
+    diagonal: Slice,
+    mean: Array,
+    half_difference: Array,
+    a_n: int,
+    shift: Callable[[Array], Array],
 ) -> Array:
     """Return the value between the slices of one subspace.
 
     Args:
         axial, diagonal: colours of row 0..a_n at a position in radians.
-        m, d: mean azimuth, any; half the azimuth difference, in [0, π]; radians.
+        mean: mean azimuth in radians, any.
+        half_difference: half the azimuth difference in radians, in [0, π].
         a_n: slices of one kind.
         shift: ψ of half azimuth differences, times its strength.
 
     Returns:
         The colour, not below the smallest of the four slice values around it (section 5.3).
     """
-    half, xp = np.pi / a_n, namespace(m)
-    j, y = cell(d / half, a_n)
-    k, x = cell(wrap_angle(m) / half, 2 * a_n)
-    here, start = shift(d), d - y * half
-    to_rows = [here - shift(xp.clip(start + step * half, 0.0, np.pi)) for step in (0, 1)]
-    second = k >= a_n  # the second half turn of the mean azimuth reuses the diagonal rows
-    row, place = xp.select(second, k - a_n, k), xp.select(second, d + np.pi, d)
+    half, xp = np.pi / a_n, namespace(mean)
+    row, row_weight = cell(half_difference / half, a_n)
+    column, column_weight = half_step(wrap_angle(mean), a_n)
+    own_diagonal, second = diagonal_row(column, a_n)
+    here, first_row = shift(half_difference), half_difference - row_weight * half
+    to_rows = [here - shift(xp.clip(first_row + step * half, 0.0, np.pi)) for step in (0, 1)]
+    along_diagonal = xp.select(second, half_difference + np.pi, half_difference)
 
-    p_0, p_1 = (axial(j + step, m + to_rows[step]) for step in (0, 1))
-    value = lerp(p_0, p_1, y)
-    lowest = namespace(value).minimum(p_0, p_1)
+    def between_axial(azimuth: Array) -> tuple[Array, Array]:
+        """Return the colours of the two axial slices where they meet the φ_h of an azimuth."""
+        below, above = (axial(row + step, azimuth + to_rows[step]) for step in (0, 1))
+        return below, above
+
+    p_0, p_1 = between_axial(mean)
+    value = lerp(p_0, p_1, row_weight)
+    xp = namespace(value)
+    lowest = xp.minimum(p_0, p_1)
     missed: list[Array] = []
     for side in (0, 1):
-        at = m + (side - x) * half
-        c_0, c_1 = (axial(j + step, at + to_rows[step]) for step in (0, 1))
-        q = diagonal(row + side, place)
-        lowest = namespace(value).minimum(lowest, q)
-        missed.append(q - lerp(c_0, c_1, y))
-    return namespace(value).maximum(value + lerp(missed[0], missed[1], x), lowest)
+        c_0, c_1 = between_axial(mean + (side - column_weight) * half)
+        q = diagonal(own_diagonal + side, along_diagonal)
+        lowest = xp.minimum(lowest, q)
+        missed.append(q - lerp(c_0, c_1, row_weight))
+    return xp.maximum(value + lerp(missed[0], missed[1], column_weight), lowest)
 
 
 def _channels(value: Array, offset: np.ndarray, change: Callable[[Array, Array], Array]) -> Array:

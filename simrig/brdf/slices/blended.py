@@ -7,15 +7,19 @@ formula and its treatment of the pole are those of ``SliceBrdf``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import drjit as dr
 
+from simrig.brdf.slices.cells import AzimuthCell, diagonal_row, surface_in_cell, triangular
 from simrig.brdf.slices.layout import SliceLayout
 from simrig.brdf.slices.slices import SliceBrdf
-from simrig.core.arrays import Array, vector_type
+from simrig.brdf.tables.packed import PlainColours
+from simrig.core.arrays import Array, multiply_add, vector_type
 
-_NOTHING = 3.0e38  # larger than any BRDF: takes no part in a minimum
+_NOTHING = 3.0e38  # larger than any value of f_r: takes no part in a minimum
+_Blend = tuple[PlainColours, PlainColours]  # a sum of tables by their weights, and the lowest value
 
 
 def meets_samples(layout: SliceLayout, n_theta: int, n_phi: int) -> bool:
@@ -46,141 +50,152 @@ class BlendedThetas:
         types: Any,
     ):
         self.layout, self.types = brdf.layout, types
-        self.data = brdf.prepare(brdf.on(types.Float))
+        self.tables = brdf.tables(types.Float)
         self.node_ratio = (self.layout.node_count - 1) // (n_theta - 1)
         self.azimuth_ratio = self.layout.azimuth_samples // n_phi
         self.colour = vector_type(types.Float)
         step = self.layout.theta_max / (n_theta - 1)
-        self.cell_i = self.layout.theta_cell(types.Float(first) * step)
-        self.cell_v = self.layout.theta_cell(types.Float(second) * step)
-        self.axial = self._blend("axial")
-        self.diagonal = self._blend("diagonal")
-        self.pole_v, self.pole_i = self._poles()
+        self.interval_i = self.layout.theta_cell(types.Float(first) * step)
+        self.interval_v = self.layout.theta_cell(types.Float(second) * step)
+        self.axial = self._blended_axial()
+        self.diagonal = self._blended_diagonal()
+        self.pole_i, self.pole_v = (self._blended_circle(of_light) for of_light in (True, False))
 
-    def at(self, pair: Array, a: Array, b: Array, p: Array, q: Array) -> Array:
+    def at(self, pair: Array, theta_i: Array, theta_v: Array, phi_i: Array, phi_v: Array) -> Array:
         """Return the value at grid points.
 
         Args:
             pair: number of the pair of polar angles.
-            a, b: the two grid polar angles (theta_i, theta_v) of the pair.
-            p, q: azimuth of light and view in grid steps.
+            theta_i, theta_v: its two polar angles, in grid steps.
+            phi_i, phi_v: azimuths of light and view, in grid steps.
         """
-        lay, types = self.layout, self.types
-        a_n, samples = lay.azimuth_count, lay.azimuth_samples
-        # positions in samples of the slices: u counts twice their step
-        turn = types.UInt(samples)
-        exchange = (a == b) & (p > q)  # as SliceReflectance orders equal polar angles
-        p, q = dr.select(exchange, q, p), dr.select(exchange, p, q)
-        p, q = p * self.azimuth_ratio, q * self.azimuth_ratio
-        u = dr.select(q >= p, q - p, q + turn - p)
-        m = (p + u // 2) % turn
-        j, y = self._cell(u, a_n)
-        k, x = self._cell(m, 2 * a_n)
-        second = k >= a_n
-        row = dr.select(second, k - a_n, k)
-        d = u // 2 + dr.select(second, turn // 2, types.UInt(0))
+        # as SliceBrdf orders equal polar angles
+        exchange = (theta_i == theta_v) & (phi_i > phi_v)
+        phi_i, phi_v = dr.select(exchange, phi_v, phi_i), dr.select(exchange, phi_i, phi_v)
+        phi_i, phi_v = phi_i * self.azimuth_ratio, phi_v * self.azimuth_ratio
+        own = self._azimuth_cell(phi_i, phi_v)
 
-        start = pair * (a_n + 1)
-        low: Any = self._lowest(a, b, j, k)
+        samples = self.layout.azimuth_samples
+        start = pair * (self.layout.azimuth_count + 1)
+        rows = [
+            (self.axial, own.row, own.mean, 1.0 - own.row_weight),
+            (self.axial, own.next_row, own.mean, own.row_weight),
+            (self.diagonal, own.diagonal, own.along_diagonal, 1.0 - own.column_weight),
+            (self.diagonal, own.diagonal + 1, own.along_diagonal, own.column_weight),
+        ]
+        node = triangular(theta_i * self.node_ratio, theta_v * self.node_ratio)
+        lowest = self._lower_bound(node, own)
         value: Any = None
-        for table, line, place, weight in ((self.axial, j, m, y), (self.diagonal, row, d, x)):
-            for offset in (0, 1):
-                index = (start + line + offset) * samples + place
-                factor = weight if offset else 1.0 - weight
-                part = dr.gather(self.colour, table[0], index) * factor
-                value = part if value is None else value + part
-                low = dr.minimum(low, dr.gather(self.colour, table[1], index))
-        for table, place in ((self.pole_v, q), (self.pole_i, p)):
+        for (blend, low), row, place, weight in rows:
+            index = (start + row) * samples + place
+            value = multiply_add(blend.read(index), weight, value)
+            lowest = dr.minimum(lowest, low.read(index))
+        for (blend, low), place in ((self.pole_i, phi_v), (self.pole_v, phi_i)):
             index = pair * samples + place
-            value += dr.gather(self.colour, table[0], index)
-            low = dr.minimum(low, dr.gather(self.colour, table[1], index))
-        return dr.maximum(value + self._between(a, b, j, y, k, x, q), low)
+            value += blend.read(index)
+            lowest = dr.minimum(lowest, low.read(index))
+        pole = (theta_i == 0) & self.layout.one_pole
+        around = phi_v % samples
+        own = own.on_circle(pole, around, *self._cell(around, True))
+        read, a_n = self.tables.surface.read, self.layout.azimuth_count
+        surface = surface_in_cell(read, node, own, a_n)
+        return dr.maximum(value + surface, lowest)
 
-    def _cell(self, position: Array, cells: int) -> tuple[Array, Array]:
-        """Return the cell of a position in samples, and where in it."""
-        t = self.types.Float(position * cells)
-        index = (position * cells) // self.layout.azimuth_samples
-        return index, t / self.layout.azimuth_samples - self.types.Float(index)
+    def _azimuth_cell(self, phi_i: Array, phi_v: Array) -> AzimuthCell:
+        """Return the cell of azimuths that are samples of the slices."""
+        turn = self.types.UInt(self.layout.azimuth_samples)
+        u = dr.select(phi_v >= phi_i, phi_v - phi_i, phi_v + turn - phi_i)  # of twice their step
+        mean = (phi_i + u // 2) % turn
+        row, row_weight = self._cell(u, False)
+        column, column_weight = self._cell(mean, True)
+        diagonal, second = diagonal_row(column, self.layout.azimuth_count)
+        along = u // 2 + dr.select(second, turn // 2, self.types.UInt(0))
+        return AzimuthCell(mean, row, row + 1, row_weight, column, column_weight, diagonal, along)
 
-    def _corners(self):
-        """Yield the four surrounding subspaces: knots, weight, exchanged, and pole masks."""
-        (i, w), (v, z) = self.cell_i, self.cell_v
-        for step_i, weight_i in ((0, 1.0 - w), (1, w)):
-            for step_v, weight_v in ((0, 1.0 - z), (1, z)):
-                knot_i, knot_v = i + step_i, v + step_v
-                yield knot_i, knot_v, weight_i * weight_v
+    def _cell(self, position: Array, half_steps: bool) -> tuple[Array, Array]:
+        """Return the step (or half step) of a position in samples, and where in it."""
+        samples = self.layout.azimuth_samples
+        position = position * (self.layout.azimuth_count * (2 if half_steps else 1))
+        index = position // samples
+        return index, self.types.Float(position) / samples - self.types.Float(index)
 
-    def _blend(self, key: str) -> tuple[Array, Array]:
-        """Return the blended slices and their minimum, flat (pairs, a_n + 1, M) colours."""
-        lay, types = self.layout, self.types
-        a_n, samples = lay.azimuth_count, lay.azimuth_samples
-        index = dr.arange(types.UInt, dr.width(self.cell_i[0]) * (a_n + 1) * samples)
-        place, rest = index % samples, index // samples
-        row, pair = rest % (a_n + 1), rest // (a_n + 1)
-        total, lowest = self.colour(0.0), self.colour(_NOTHING)
-        for knot_i, knot_v, weight in self._corners():
-            i, v = dr.gather(types.UInt, knot_i, pair), dr.gather(types.UInt, knot_v, pair)
-            flip = i > v
-            if key == "axial":
-                own_row = dr.select(flip, a_n - row, row)
-                own_place = dr.select(flip, (place + samples // 2) % samples, place)
-            else:
-                own_row, own_place = row, dr.select(flip, (samples - place) % samples, place)
-            source = (lay.pair(i, v, flip) * (a_n + 1) + own_row) * samples + own_place
-            value: Any = dr.gather(self.colour, self.data[key], source)
+    def _corners(self, pair: Array) -> Iterator[tuple[Array, Array, Array]]:
+        """Yield the four measured polar angles around pairs of the grid, and their weights."""
+        integer, number = self.types.UInt, self.types.Float
+        (i, above_i), (v, above_v) = self.interval_i, self.interval_v
+        for step_i, weight_i in ((0, 1.0 - above_i), (1, above_i)):
+            for step_v, weight_v in ((0, 1.0 - above_v), (1, above_v)):
+                knots = (dr.gather(integer, knot, pair) for knot in (i + step_i, v + step_v))
+                yield *knots, dr.gather(number, weight_i * weight_v, pair)
+
+    def _grid(self, rows: int) -> tuple[Array, Array, Array]:
+        """Return the pair, the row and the sample of every entry of a blended table."""
+        samples = self.layout.azimuth_samples
+        index = dr.arange(self.types.UInt, dr.width(self.interval_i[0]) * rows * samples)
+        return index // samples // rows, index // samples % rows, index % samples
+
+    def _blended_axial(self) -> _Blend:
+        """Return the blended axial slices, (pairs, a_n + 1, M) colours."""
+        a_n, samples = self.layout.azimuth_count, self.layout.azimuth_samples
+        pair, row, place = self._grid(a_n + 1)
+
+        def there(exchanged: Array) -> tuple[Array, Array]:
+            half_turn_on = (place + samples // 2) % samples
+            return (
+                dr.select(exchanged, a_n - row, row),
+                dr.select(exchanged, half_turn_on, place),
+            )
+
+        return self._blended(self.tables.axial, pair, there)
+
+    def _blended_diagonal(self) -> _Blend:
+        """Return the blended diagonal slices, (pairs, a_n + 1, M) colours."""
+        samples = self.layout.azimuth_samples
+        pair, row, place = self._grid(self.layout.azimuth_count + 1)
+
+        def there(exchanged: Array) -> tuple[Array, Array]:
+            return row, dr.select(exchanged, (samples - place) % samples, place)
+
+        return self._blended(self.tables.diagonal, pair, there)
+
+    def _blended(self, slices: Any, pair: Array, there: Any) -> _Blend:
+        """Return the sum over the four subspaces around pairs, those at the pole left out.
+
+        Args:
+            slices: to be blended.
+            pair: of every entry.
+            there: returns the row and the sample of an entry, given where light and view are
+                exchanged.
+        """
+        lay, total, lowest = self.layout, self.colour(0.0), self.colour(_NOTHING)
+        for i, v, weight in self._corners(pair):
+            row, place = there(i > v)
+            start = triangular(i, v, i > v) * (lay.azimuth_count + 1) + row
+            value: Any = slices.read(start * lay.azimuth_samples + place)
             pole = ((i == 0) | (v == 0)) & lay.one_pole
-            weight = dr.select(pole, 0.0, dr.gather(types.Float, weight, pair))
-            total += value * weight
+            total += value * dr.select(pole, 0.0, weight)
             lowest = dr.select(pole, lowest, dr.minimum(lowest, value))
         return self._flat(total), self._flat(lowest)
 
-    def _poles(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Return what the circles at theta = 0 add, by the azimuth of view and of light."""
-        lay, types = self.layout, self.types
-        samples = lay.azimuth_samples
-        index = dr.arange(types.UInt, dr.width(self.cell_i[0]) * samples)
-        place, pair = index % samples, index // samples
-        tables = []
-        for light_at_pole in (True, False):
-            total, lowest = self.colour(0.0), self.colour(_NOTHING)
-            for knot_i, knot_v, weight in self._corners():
-                i, v = dr.gather(types.UInt, knot_i, pair), dr.gather(types.UInt, knot_v, pair)
-                pole = ((i == 0) if light_at_pole else (v == 0) & (i != 0)) & lay.one_pole
-                other = v if light_at_pole else i
-                source = lay.pair(0 * other, other, False) * (lay.azimuth_count + 1) * samples
-                value: Any = dr.gather(self.colour, self.data["axial"], source + place)
-                weight = dr.select(pole, dr.gather(types.Float, weight, pair), 0.0)
-                total += value * weight
-                lowest = dr.select(pole, dr.minimum(lowest, value), lowest)
-            tables.append((self._flat(total), self._flat(lowest)))
-        return tables[0], tables[1]
+    def _blended_circle(self, light_at_pole: bool) -> _Blend:
+        """Return what the circles at theta = 0 add, by the azimuth of the other direction."""
+        lay, total, lowest = self.layout, self.colour(0.0), self.colour(_NOTHING)
+        pair, _, place = self._grid(1)
+        for i, v, weight in self._corners(pair):
+            pole = ((i == 0) if light_at_pole else (v == 0) & (i != 0)) & lay.one_pole
+            circle = triangular(0 * i, v if light_at_pole else i)
+            start = circle * (lay.azimuth_count + 1) * lay.azimuth_samples
+            value: Any = self.tables.axial.read(start + place)
+            total += value * dr.select(pole, weight, 0.0)
+            lowest = dr.select(pole, dr.minimum(lowest, value), lowest)
+        return self._flat(total), self._flat(lowest)
 
-    def _between(
-        self, a: Array, b: Array, j: Array, y: Array, k: Array, x: Array, q: Array
-    ) -> Array:
-        """Return s + t − 3c; at the pole on the circle at the azimuth of the view."""
-        lay = self.layout
-        a_n = lay.azimuth_count
-        pole = (a == 0) & lay.one_pole
-        k_pole, x_pole = self._cell(q % lay.azimuth_samples, 2 * a_n)
-        j, y = dr.select(pole, 0, j), dr.select(pole, 0.0, y)
-        k, x = dr.select(pole, k_pole, k), dr.select(pole, x_pole, x)
-        node = lay.node_pair(a * self.node_ratio, b * self.node_ratio, False)
-        start = (node * (a_n + 1) + j) * (2 * a_n + 1) + k
-        below = start + (2 * a_n + 1)
-        table = self.data["between"]
-        c: list[Any] = [
-            dr.gather(self.colour, table, s) for s in (start, start + 1, below, below + 1)
-        ]
-        return dr.lerp(dr.lerp(c[0], c[1], x), dr.lerp(c[2], c[3], x), y)
-
-    def _lowest(self, a: Array, b: Array, j: Array, k: Array) -> Array:
+    def _lower_bound(self, node: Array, own: AzimuthCell) -> Array:
         a_n = self.layout.azimuth_count
-        node = self.layout.node_pair(a * self.node_ratio, b * self.node_ratio, False)
-        return dr.gather(self.colour, self.data["floor"], (node * a_n + j) * 2 * a_n + k)
+        return self.tables.lower_bound.read((node * a_n + own.row) * 2 * a_n + own.column)
 
     @staticmethod
-    def _flat(value: Array) -> Array:
+    def _flat(value: Array) -> PlainColours:
         flat = dr.ravel(value)
         dr.eval(flat)
-        return flat
+        return PlainColours(flat)

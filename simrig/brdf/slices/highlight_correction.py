@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from simrig.brdf.slices.layout import Reader, SliceLayout
+from simrig.brdf.slices.layout import SliceLayout, TableBuilder
 from simrig.core.arrays import Array
 
 
@@ -29,34 +29,35 @@ def spread_over_nodes(layout: SliceLayout, missed: Array, bend: Array) -> Array:
         Flat table of triples, (node pairs, a_n + 1, 2·a_n + 1).
     """
     cells = (layout.azimuth_count + 1) * (2 * layout.azimuth_count + 1)
-    read, data = Reader(missed), {"horizontal": missed, "bend": bend}
+    read = TableBuilder(missed)
     total: Array = 0.0
     for step in (0, 1):
-        for key, weight, moved in _node_terms(layout, step):
-            index = layout.surface_terms[key][step] + moved[:, None]
-            total = total + read.scaled("horizontal", data, index, weight, cells)
+        for index, weight in _node_terms(layout, step):
+            total = total + read.scaled(missed, index, weight, cells)
     for node, weight in _mirror_terms(layout):
         index = node[:, None] * cells + np.arange(cells)
-        total = total + read.scaled("bend", data, index, weight, cells)
+        total = total + read.scaled(bend, index, weight, cells)
     return read.flat(total)
 
 
-def _node_terms(layout: SliceLayout, step: int) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return for each kind of slice its weight at every pair of nodes, and the shift of its node.
+def _node_terms(layout: SliceLayout, step: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return for each kind of slice its sample for every pair of nodes, and the weight.
 
     Away from equal polar angles the slices are read straight across. The triangle between equal
     polar angles is bordered by one horizontal and one vertical slice: they are read at the
     difference of polar angles of the pair, since a highlight depends on that.
     """
-    b, a, same, start, length = _triangles(layout)
-    apart = b - a
-    along = np.where(apart < length, (a - start) / np.maximum(length - apart, 1), 0.0)
-    weight_i, weight_v = layout.surface_terms["slice_weight"][step]
+    node_v, node_i, same, start, length = _triangles(layout)
+    apart = node_v - node_i
+    along = np.where(apart < length, (node_i - start) / np.maximum(length - apart, 1), 0.0)
+    terms = layout.surface_terms
+    weight_i, weight_v = terms.slice_weight[step]
     own_i, own_v = ((1.0 - along), 0.0 * along) if step == 0 else (0.0 * along, along)
-    moved_i, moved_v = start + apart - b, start + length - apart - a
+    moved_i = np.where(same, start + apart - node_v, 0)
+    moved_v = np.where(same, start + length - apart - node_i, 0)
     return [
-        ("slices_i", np.where(same, own_i, weight_i), np.where(same, moved_i, 0)),
-        ("slices_v", np.where(same, own_v, weight_v), np.where(same, moved_v, 0)),
+        (terms.slices_i[step] + moved_i[:, None], np.where(same, own_i, weight_i)),
+        (terms.slices_v[step] + moved_v[:, None], np.where(same, own_v, weight_v)),
     ]
 
 
@@ -82,9 +83,9 @@ def _mirror_terms(layout: SliceLayout) -> list[tuple[np.ndarray, np.ndarray]]:
     The correction fades with the square of the distance from equal polar angles, as it would for
     a quadratic function, and with it vanishes on the slices that border the triangle.
     """
-    b, a, same, start, length = _triangles(layout)
-    apart = (b - a) / length
-    along = np.where(apart < 1.0, (a - start) / np.maximum(length * (1.0 - apart), 1e-9), 0.0)
+    node_v, node_i, same, start, length = _triangles(layout)
+    apart = (node_v - node_i) / length
+    along = np.where(apart < 1.0, (node_i - start) / np.maximum(length * (1.0 - apart), 1e-9), 0.0)
     position = start + along * length
     low = np.minimum(position.astype(int), start + length - 1)
     fade = np.where(same, (1.0 - apart) ** 2, 0.0)
@@ -96,9 +97,10 @@ def _mirror_terms(layout: SliceLayout) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _triangles(layout: SliceLayout) -> tuple[np.ndarray, ...]:
-    """Return for all pairs of nodes a <= b: b, a, whether one interval of measured polar angles
-    holds both, and the first node and the number of nodes of the interval that holds a."""
-    b, a = np.tril_indices(layout.node_count)
-    (i, _), (v, _) = (layout.theta_cell(layout.nodes[n]) for n in (a, b))
+    """Return for all pairs of nodes of view and illumination: both, whether one interval of
+    measured polar angles holds both, and the first node and the number of nodes of the interval
+    that holds the smaller."""
+    node_v, node_i = np.tril_indices(layout.node_count)
+    (knot_i, _), (knot_v, _) = (layout.theta_cell(layout.nodes[n]) for n in (node_i, node_v))
     knot_node = np.round(layout.node_position(layout.knots)).astype(int)
-    return b, a, i == v, knot_node[i], np.diff(knot_node)[i]
+    return node_v, node_i, knot_i == knot_v, knot_node[knot_i], np.diff(knot_node)[knot_i]

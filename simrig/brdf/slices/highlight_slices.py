@@ -29,6 +29,7 @@ Source: thesis sections 5.3, 5.7 and D.1, and its first item of future work (sec
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -43,20 +44,47 @@ from simrig.brdf.slices.along_highlights import (
     shift_strength,
     swept_along_highlights,
 )
+from simrig.brdf.slices.cells import azimuth_cell, triangular
 from simrig.brdf.slices.highlight_correction import mirror_bend, spread_over_nodes
-from simrig.brdf.slices.layout import Reader, SliceLayout
-from simrig.brdf.slices.slices import SliceBrdf, Texels, azimuth_cell
-from simrig.brdf.tables.packed import pack_colours
-from simrig.core.arrays import Array, is_numpy, namespace, scale, vector_type
+from simrig.brdf.slices.layout import SliceLayout, TableBuilder
+from simrig.brdf.slices.slices import SliceBrdf
+from simrig.brdf.tables.packed import Colours, PlainColours, colour_table
+from simrig.core.arrays import (
+    Array,
+    is_numpy,
+    multiply_add,
+    namespace,
+    read_only,
+    scale,
+    to_number,
+    vector_type,
+)
 from simrig.core.errors import SimrigError
 from simrig.directions import wrap_angle
+
+
+@dataclass(frozen=True)
+class HighlightTables:
+    """What a look-up of slices along highlights reads; all values are g = log(1 + f / offset).
+
+    Attributes:
+        axial, diagonal: the slices, (pairs, a_n + 1, M) colours.
+        lower_bound: the smallest value along all slices, one colour: no value is below.
+        surface: the correction over the grid of polar angles, (node pairs, a_n + 1, 2·a_n + 1)
+            colours; None without horizontal slices.
+    """
+
+    axial: Colours
+    diagonal: Colours
+    lower_bound: Colours
+    surface: Colours | None = None
 
 
 class HighlightSlices(SliceBrdf):
     """Slices interpolated along lines of constant half vector.
 
     Args:
-        layout, corners, axial, diagonal, horizontal, name: as ``SliceBrdf``.
+        layout, intersections, axial, diagonal, horizontal, name: as ``SliceBrdf``.
         offset: (3,) where values begin to be compared by ratio; by default from the slices.
 
     Raises:
@@ -69,15 +97,16 @@ class HighlightSlices(SliceBrdf):
     def __init__(
         self,
         layout: SliceLayout,
-        corners: np.ndarray,
+        intersections: np.ndarray,
         axial: np.ndarray,
         diagonal: np.ndarray,
-        horizontal: np.ndarray | None,
+        horizontal: np.ndarray | None = None,
         name: str = "slices along highlights",
         offset: np.ndarray | None = None,
     ):
-        super().__init__(layout, corners, axial, diagonal, horizontal, name)
-        self.offset = offsets(axial, diagonal) if offset is None else np.asarray(offset, float)
+        super().__init__(layout, intersections, axial, diagonal, horizontal, name)
+        offset = offsets(axial, diagonal) if offset is None else offset
+        self.offset = read_only(offset, np.float64)
         if self.offset.shape != (3,) or not np.all(self.offset > 0.0):
             raise SimrigError(f"the offset must be three positive numbers, got {self.offset}")
 
@@ -89,38 +118,32 @@ class HighlightSlices(SliceBrdf):
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> HighlightSlices:
         layout = SliceLayout.from_dict(structure)
-        return cls(
-            layout,
-            data["corners"],
-            data["axial"],
-            data["diagonal"],
-            data.get("horizontal"),
-            name,
-            np.array(structure["offset"], dtype=np.float64),
-        )
+        return cls(layout, **data, name=name, offset=np.array(structure["offset"], np.float64))
 
-    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> dict[str, Array]:
-        """Return the look-up layout: compressed slices, and the correction on polar angle nodes.
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> HighlightTables:
+        """Return the compressed slices, their lower bound, and the correction.
 
-        ``between`` holds the correction for every pair of intersection azimuths and of polar angles
-        of the grid, ``least`` the smallest value along all slices: no value is below. A look-up
-        reads 64 colours of slices and 16 of the correction.
+        A look-up reads 64 colours of slices and 16 of the correction.
         """
         number = type(data["axial"])
-        tables = {
-            key: self._compressed(_wide(data[key])) for key in self._arrays if key != "corners"
-        }
-        tables["least"] = Reader(tables["axial"]).flat(_least(list(tables.values())))
+        kinds = [key for key in self._arrays if key != "intersections"]
+        wide = {key: self._compressed(_wide(data[key])) for key in kinds}
+        lower_bound = TableBuilder(wide["axial"]).flat(_least(list(wide.values())))
+        parts = wide["axial"], wide["diagonal"], lower_bound
+        slices = HighlightTables(*(PlainColours(part) for part in parts))
+
+        def table(values: Array, differentiable: bool = differentiable) -> Colours:
+            return colour_table(number(values) if dr.is_jit_v(number) else values, differentiable)
+
+        surface = None
         if self.has_horizontal:
-            tables["between"] = self._correction(tables, tables.pop("horizontal"))
-        if dr.is_jit_v(number):
-            tables = {key: number(table) for key, table in tables.items()}
-        can_pack = dr.is_jit_v(number) and dr.type_v(number) == dr.VarType.Float32
-        if differentiable or not can_pack:
-            return tables
-        least = tables.pop("least")
-        packed = {f"packed_{key}": pack_colours(value) for key, value in tables.items()}
-        return {**packed, "least": least}
+            surface = table(self._correction(slices, wide["horizontal"]))
+        return HighlightTables(
+            table(wide["axial"]),
+            table(wide["diagonal"]),
+            table(lower_bound, True),  # one colour, not worth packing
+            surface,
+        )
 
     def _compressed(self, table: Array) -> Array:
         if is_numpy(table):
@@ -130,120 +153,141 @@ class HighlightSlices(SliceBrdf):
         dr.eval(flat)
         return flat
 
-    def _correction(self, tables: Mapping[str, Array], horizontal: Array) -> Array:
+    def _correction(self, tables: HighlightTables, horizontal: Array) -> Array:
         """Return what the prediction misses, for all nodes and intersections; flat triples."""
         lay = self.layout
-        i, j, k, n = np.indices(lay.shapes()["horizontal"][:4]).reshape(4, -1)
+        knot, row, column, node = np.indices(lay.shapes()["horizontal"][:4]).reshape(4, -1)
         half = 0.5 * lay.azimuth_step
-        angles = lay.knots[i], half * (k - j), lay.nodes[n], half * (k + j)
-        read = Reader(horizontal)
-        theta_i, phi_i, theta_v, phi_v = (read.numbers(angle) for angle in angles)
-        predicted = self._predicted(theta_i, phi_i, theta_v, phi_v, Texels(tables, theta_i))
-        bend = self._at_equal_thetas(tables, mirror_bend(lay))
+        angles = lay.knots[knot], half * (column - row), lay.nodes[node], half * (column + row)
+        read = TableBuilder(horizontal)
+        predicted = self._predicted(tables, *map(read.numbers, angles))
+        bend = self._at_equal_thetas(tables, mirror_bend(lay), horizontal)
         return spread_over_nodes(lay, horizontal - read.flat(predicted), bend)
 
-    def _at_equal_thetas(self, tables: Mapping[str, Array], bend: np.ndarray) -> Array:
+    def _at_equal_thetas(self, tables: HighlightTables, bend: np.ndarray, example: Array) -> Array:
         """Return sums of measured subspaces of equal polar angles, read at all equal nodes.
 
         Args:
-            tables: compressed slices.
+            tables: the slices.
             bend: (N, e_n) weight of every measured polar angle at every node.
+            example: a table of the type that is wanted.
 
         Returns:
             Flat table of triples, (N, a_n + 1, 2·a_n + 1).
         """
-        lay, read = self.layout, Reader(tables["axial"])
+        lay, read = self.layout, TableBuilder(example)
         a_n, half = lay.azimuth_count, 0.5 * lay.azimuth_step
-        n, j, k = np.indices((lay.node_count, a_n + 1, 2 * a_n + 1)).reshape(3, -1)
-        theta, m, d = (read.numbers(angle) for angle in (lay.nodes[n], half * k, half * j))
-        texels, total = Texels(tables, theta), 0.0
+        node, row, column = np.indices((lay.node_count, a_n + 1, 2 * a_n + 1)).reshape(3, -1)
+        theta = read.numbers(lay.nodes[node])
+        azimuths = read.numbers(half * column), read.numbers(half * row)
+        total: Array = 0.0
         for knot in range(lay.theta_count):
-            here = read.same_index(knot, len(n))
-            found = self._at_knots(here, here, theta, theta, m, d, texels)
-            total = total + scale(found, read.numbers(bend[n, knot]))
+            knots = (read.same_index(knot, len(node)),) * 2
+            found = self._at_knots(knots, (theta, theta), azimuths, tables)
+            total = total + scale(found, read.numbers(bend[node, knot]))
         return read.flat(total)
 
     def _interpolate(
-        self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, texels: Texels
+        self,
+        tables: HighlightTables,
+        theta_i: Array,
+        phi_i: Array,
+        theta_v: Array,
+        phi_v: Array,
     ) -> Array:
-        value = self._predicted(theta_i, phi_i, theta_v, phi_v, texels)
-        if self.has_horizontal:
+        value = self._predicted(tables, theta_i, phi_i, theta_v, phi_v)
+        if tables.surface is not None:
             theta_i, phi_i, theta_v, phi_v = self._stored_half(theta_i, phi_i, theta_v, phi_v)
-            _, j, y, k, x, _, _ = azimuth_cell(phi_i, phi_v, self.layout.azimuth_count)
-            where = (j, y, k, x)
-            value = value + self._between(texels, theta_i, theta_v, phi_i, phi_v, where)
-            value = namespace(value).maximum(value, texels("least", 0 * j))
+            azimuths = azimuth_cell(phi_i, phi_v, self.layout.azimuth_count)
+            phi = phi_i, phi_v
+            value = value + self._surface(tables.surface, theta_i, theta_v, phi, azimuths)
+            value = namespace(value).maximum(value, tables.lower_bound.read(0 * azimuths.row))
         return expanded(value, self.offset)
 
     def _predicted(
-        self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, texels: Texels
+        self,
+        tables: HighlightTables,
+        theta_i: Array,
+        phi_i: Array,
+        theta_v: Array,
+        phi_v: Array,
     ) -> Array:
         """Return g from the axial and diagonal slices of three subspaces."""
         theta_i, phi_i, theta_v, phi_v = self._stored_half(theta_i, phi_i, theta_v, phi_v)
-        d = 0.5 * wrap_angle(phi_v - phi_i)
-        m = phi_i + d
+        half_difference = 0.5 * wrap_angle(phi_v - phi_i)
+        azimuths = phi_i + half_difference, half_difference
         value: Array = None
-        for knot_i, knot_v, weight in self._around(theta_i, theta_v):
-            part = scale(self._at_knots(knot_i, knot_v, theta_i, theta_v, m, d, texels), weight)
-            value = part if value is None else value + part
+        for *knots, weight in self._around(theta_i, theta_v):
+            found = self._at_knots((knots[0], knots[1]), (theta_i, theta_v), azimuths, tables)
+            value = multiply_add(found, weight, value)
         return value
 
     def _around(self, theta_i: Array, theta_v: Array) -> list[tuple[Array, Array, Array]]:
         """Return four pairs of knots around a pair of polar angles, and their weights."""
         lay, xp = self.layout, namespace(theta_i)
-        (i, w), (v, z) = lay.theta_cell(theta_i), lay.theta_cell(theta_v)
+        (i, above_i), (v, above_v) = lay.theta_cell(theta_i), lay.theta_cell(theta_v)
         same = i == v
-        k = lay.number(v, w) - lay.number(i, w)
-        # the square of the difference grows by these shares of its steps k² to (k ± 1)²
-        right = z * (z + 2.0 * (k - w)) / xp.maximum(2.0 * (k - w) + 1.0, 1.0)
-        down = w * (2.0 * (k + z) - w) / xp.maximum(2.0 * (k + z) - 1.0, 1.0)
-        apart = xp.maximum(z - w, 0.0)
-        corner = (1.0 + apart) * (1.0 - z), (1.0 + apart) * w, apart * apart, 0.0 * w
-        rectangle = (1.0 - down) * (1.0 - right), down * right, (1.0 - down) * right
-        weights = (*rectangle, down * (1.0 - right))
+        apart = to_number(v, above_v) - to_number(i, above_i)
+        # the square of the difference grows by these shares of its steps apart² to (apart ± 1)²
+        grown, shrunk = 2.0 * (apart - above_i), 2.0 * (apart + above_v)
+        right = above_v * (above_v + grown) / xp.maximum(grown + 1.0, 1.0)
+        down = above_i * (shrunk - above_i) / xp.maximum(shrunk - 1.0, 1.0)
+        beside = xp.maximum(above_v - above_i, 0.0)
+        triangle = (
+            (1.0 + beside) * (1.0 - above_v),
+            (1.0 + beside) * above_i,
+            beside * beside,
+            0.0 * above_i,
+        )
+        rectangle = (
+            (1.0 - down) * (1.0 - right),
+            down * right,
+            (1.0 - down) * right,
+            down * (1.0 - right),
+        )
         knots = (i, v), (i + 1, v + 1), (i, v + 1), (xp.select(same, i, i + 1), v)
         return [
             (*pair, xp.select(same, own, other))
-            for pair, own, other in zip(knots, corner, weights, strict=True)
+            for pair, own, other in zip(knots, triangle, rectangle, strict=True)
         ]
 
     def _at_knots(
         self,
-        knot_i: Array,
-        knot_v: Array,
-        theta_i: Array,
-        theta_v: Array,
-        m: Array,
-        d: Array,
-        texels: Texels,
+        knots: tuple[Array, Array],
+        theta: tuple[Array, Array],
+        azimuths: tuple[Array, Array],
+        tables: HighlightTables,
     ) -> Array:
-        """Return g in a measured subspace where the half vector points as at the given pair."""
-        lay, xp = self.layout, namespace(theta_i)
+        """Return g in a measured subspace where the half vector points as at the given pair.
+
+        Args:
+            knots: numbers of the measured polar angles.
+            theta: the given polar angles.
+            azimuths: the given mean azimuth and half azimuth difference.
+            tables: the slices.
+        """
+        lay, xp = self.layout, namespace(theta[0])
+        mean, half_difference = azimuths
         own_i, own_v = (
-            xp.minimum(lay.number(knot, theta_i) * lay.theta_step, lay.theta_max)
-            for knot in (knot_i, knot_v)
+            xp.minimum(to_number(knot, theta[0]) * lay.theta_step, lay.theta_max) for knot in knots
         )
         sin_i, sin_v = xp.sin(own_i), xp.sin(own_v)
-        own, given = _mirror_scale(own_i, own_v), _mirror_scale(theta_i, theta_v)
+        own, given = _mirror_scale(own_i, own_v), _mirror_scale(*theta)
         # never 0: atan2(0, 0) has no value; at the pole no half difference is better than another
         ratio = xp.select(own > 0.0, xp.maximum(given / xp.maximum(own, 1e-9), 1e-6), 1.0)
-        there = xp.atan2(xp.maximum(xp.sin(d), 0.0), ratio * xp.cos(d))
-        turn = half_vector_turn(d, xp.sin(theta_i), xp.sin(theta_v))
+        sine, cosine = xp.sin(half_difference), xp.cos(half_difference)
+        there = xp.atan2(xp.maximum(sine, 0.0), ratio * cosine)
+        turn = half_vector_turn(half_difference, xp.sin(theta[0]), xp.sin(theta[1]))
         moved = turn - half_vector_turn(there, sin_i, sin_v)
-        mean = m + xp.select(knot_i == knot_v, 0.0, moved)
         strength = shift_strength(own_i, own_v)
-        pair = lay.pair(knot_i, knot_v, False)
-
-        def reader(key: str):
-            return lambda row, place: self._along(key, texels, pair, row, place)
-
+        pair = triangular(*knots)
         return swept_along_highlights(
-            reader("axial"),
-            reader("diagonal"),
-            mean,
+            lambda row, place: self._along(tables.axial, pair, row, place),
+            lambda row, place: self._along(tables.diagonal, pair, row, place),
+            mean + xp.select(knots[0] == knots[1], 0.0, moved),
             there,
             lay.azimuth_count,
-            lambda d: strength * half_vector_turn(d, sin_i, sin_v),
+            lambda angle: strength * half_vector_turn(angle, sin_i, sin_v),
         )
 
 
@@ -260,11 +304,9 @@ def _least(tables: list[Array]) -> Array:
     """Return the smallest value of each channel of flat tables of triples, one colour."""
     if is_numpy(tables[0]):
         return np.min([table.reshape(-1, 3).min(axis=0) for table in tables], axis=0)
-    colours: list[Any] = [
-        dr.unravel(vector_type(type(table)), dr.detach(table)) for table in tables
-    ]
-    found = [vector_type(type(tables[0]))(*map(dr.min, colour)) for colour in colours]
-    return reduce(dr.minimum, found)
+    colour: Any = vector_type(type(tables[0]))
+    found = [dr.unravel(colour, dr.detach(table)) for table in tables]
+    return reduce(dr.minimum, (colour(*map(dr.min, each)) for each in found))
 
 
 def _mirror_scale(theta_i: Array, theta_v: Array) -> Array:

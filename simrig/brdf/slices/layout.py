@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
+from simrig.brdf.slices.cells import triangular
 from simrig.core.arrays import (
     Array,
     aligned,
     gather_colour,
     is_numpy,
+    is_single,
     namespace,
     scale,
     to_index,
-    vector_type,
+    to_number,
 )
 from simrig.core.errors import SimrigError
 
@@ -33,12 +35,22 @@ def slice_thetas(theta_step: float, theta_max: float) -> np.ndarray:
     return np.append(np.arange(count) * theta_step, theta_max)
 
 
+_FIELDS = {
+    "theta_step": float,
+    "azimuth_step": float,
+    "theta_max": float,
+    "azimuth_samples": int,
+    "node_count": int,
+    "one_pole": bool,
+}
+
+
 @dataclass(frozen=True)
 class SliceLayout:
     """Where the values of a slice BRDF lie.
 
     Args:
-        elevation_step: e_s, in radians.
+        theta_step: e_s, the step of the polar angles, in radians.
         azimuth_step: a_s, in radians; 2π / a_n.
         theta_max: largest polar angle, in radians.
         azimuth_samples: M, samples over 360° along axial and diagonal slices.
@@ -74,14 +86,7 @@ class SliceLayout:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SliceLayout:
         """Rebuild from ``as_dict``."""
-        return cls(
-            float(values["theta_step"]),
-            float(values["azimuth_step"]),
-            float(values["theta_max"]),
-            int(values["azimuth_samples"]),
-            int(values["node_count"]),
-            bool(values["one_pole"]),
-        )
+        return cls(*(make(values[name]) for name, make in _FIELDS.items()))
 
     @cached_property
     def knots(self) -> np.ndarray:
@@ -111,7 +116,7 @@ class SliceLayout:
 
     @cached_property
     def nodes(self) -> np.ndarray:
-        """Elevations of the grid in radians, (N,); every knot is one of them."""
+        """Polar angles of the grid in radians, (N,); every knot is one of them."""
         if self.regular_nodes:
             return np.linspace(0.0, self.theta_max, self.node_count)
         position = np.linspace(0.0, self.theta_count - 1.0, self.node_count)
@@ -123,26 +128,18 @@ class SliceLayout:
             return theta * ((self.node_count - 1) / self.theta_max)
         index, weight = self.theta_cell(theta)
         per_interval = (self.node_count - 1) // (self.theta_count - 1)
-        return (self.number(index, theta) + weight) * per_interval
+        return (to_number(index, theta) + weight) * per_interval
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the shapes of the stored arrays (thesis appendix D.4)."""
         e_n, a_n, m = self.theta_count, self.azimuth_count, self.azimuth_samples
         along = (self.pair_count, a_n + 1, m, 3)
         return {
-            "corners": (self.pair_count, a_n + 1, 2 * a_n + 1, 3),
+            "intersections": (self.pair_count, a_n + 1, 2 * a_n + 1, 3),
             "axial": along,
             "diagonal": along,
             "horizontal": (e_n, a_n, 2 * a_n + 1, self.node_count, 3),
         }
-
-    def pair(self, i: Array, v: Array, exchanged: Array) -> Array:
-        """Return the number of the subspace (i, v), or of (v, i) where ``exchanged``."""
-        return _triangular(i, v, exchanged)
-
-    def node_pair(self, a: Array, b: Array, exchanged: Array) -> Array:
-        """Return the number of a pair of grid polar angles, or of its exchange."""
-        return _triangular(a, b, exchanged)
 
     def theta_cell(self, theta: Array) -> tuple[Array, Array]:
         """Return the knot interval of a polar angle in [0, theta_max], and where in it, [0, 1]."""
@@ -150,55 +147,50 @@ class SliceLayout:
         last = self.theta_count - 2
         # the last interval can be shorter; a hair more keeps knots in the interval they begin
         index = xp.minimum(to_index(theta * ((1.0 + 1e-7) / self.theta_step)), last)
-        start = self.number(index, theta) * self.theta_step
+        start = to_number(index, theta) * self.theta_step
         rest = self.theta_max - last * self.theta_step
         # two literals would make Dr.Jit select in single precision
         width = xp.select(index == last, 0.0 * theta + rest, self.theta_step)
         return index, xp.clip((theta - start) / width, 0.0, 1.0)
 
-    @staticmethod
-    def number(index: Array, like: Array) -> Array:
-        """Return an index as a floating-point number of the type of ``like``."""
-        return index.astype(np.float64) if is_numpy(index) else type(like)(index)
-
     @cached_property
-    def surface_terms(self) -> dict[str, np.ndarray]:
-        """Indices and weights that turn slices and intersections into polar angle surfaces."""
+    def surface_terms(self) -> SurfaceTerms:
+        """Indices and weights that turn slices and intersections into the elevation surface."""
         a_n, turn = self.azimuth_count, 2 * self.azimuth_count
-        b, a = np.array([(b, a) for b in range(self.node_count) for a in range(b + 1)]).T
-        (i, w), (v, z) = (self.theta_cell(self.nodes[n]) for n in (a, b))
-        j, k = np.indices((a_n + 1, turn + 1)).reshape(2, -1)
+        node_v, node_i = np.tril_indices(self.node_count)
+        (knot_i, above_i), (knot_v, above_v) = (
+            self.theta_cell(self.nodes[node]) for node in (node_i, node_v)
+        )
+        row, column = np.indices((a_n + 1, turn + 1)).reshape(2, -1)
         # rows beyond the last axial slice continue on the first one, half a turn on
-        j_own, k_own = np.where(j == a_n, 0, j), np.where(j == a_n, (k + a_n) % turn, k)
-        j_swap = np.where(j_own == 0, 0, a_n - j_own)
-        k_swap = np.where(j_own == 0, k_own, (k_own + a_n) % turn)
-        slices_i, slices_v, corners, slice_weight, corner_weight = [], [], [], [], []
-        for step in (0, 1):
-            row = (i + step)[:, None] * a_n + j_own
-            slices_i.append((row * (turn + 1) + k_own) * self.node_count + b[:, None])
-            row = (v + step)[:, None] * a_n + j_swap
-            slices_v.append((row * (turn + 1) + k_swap) * self.node_count + a[:, None])
-            slice_weight.append((w if step else 1 - w, z if step else 1 - z))
-            for step_v in (0, 1):
-                corner_i, corner_v = i + step, v + step_v
-                exchanged = corner_i > corner_v
-                pair = _triangular(corner_i, corner_v, exchanged)[:, None]
-                row = np.where(exchanged[:, None], a_n - j, j)
-                column = np.where(exchanged[:, None], (k + a_n) % turn, k)
-                corners.append((pair * (a_n + 1) + row) * (turn + 1) + column)
-                weight = (w if step else 1 - w) * (z if step_v else 1 - z)
-                pole = ((corner_i == 0) | (corner_v == 0)) & self.one_pole
-                corner_weight.append((weight, np.where(pole, 0.0, weight)))
-        return {
-            "slices_i": np.stack(slices_i),
-            "slices_v": np.stack(slices_v),
-            "corners": np.stack(corners),
-            "slice_weight": np.stack(slice_weight),
-            "corner_weight": np.stack(corner_weight),
-        }
+        beyond, half_turn_on = row == a_n, (column + a_n) % turn
+        own_row, own_column = np.where(beyond, 0, row), np.where(beyond, half_turn_on, column)
+        first = own_row == 0
+        other_row = np.where(first, 0, a_n - own_row)
+        other_column = np.where(first, own_column, (own_column + a_n) % turn)
+        slices_i, slices_v, slice_weight = [], [], []
+        intersections, intersection_weight = [], []
+        for step, weight_i, slice_v in ((0, 1 - above_i, 1 - above_v), (1, above_i, above_v)):
+            line = ((knot_i + step)[:, None] * a_n + own_row) * (turn + 1) + own_column
+            slices_i.append(line * self.node_count + node_v[:, None])
+            line = ((knot_v + step)[:, None] * a_n + other_row) * (turn + 1) + other_column
+            slices_v.append(line * self.node_count + node_i[:, None])
+            slice_weight.append((weight_i, slice_v))
+            for step_v, weight_v in ((0, 1 - above_v), (1, above_v)):
+                i, v = knot_i + step, knot_v + step_v
+                exchanged = i > v
+                there = np.where(exchanged[:, None], a_n - row, row)
+                along = np.where(exchanged[:, None], half_turn_on, column)
+                start = triangular(i, v, exchanged)[:, None] * (a_n + 1) + there
+                intersections.append(start * (turn + 1) + along)
+                weight = weight_i * weight_v
+                pole = ((i == 0) | (v == 0)) & self.one_pole
+                intersection_weight.append((weight, np.where(pole, 0.0, weight)))
+        lists = slices_i, slices_v, slice_weight, intersections, intersection_weight
+        return SurfaceTerms(*(np.stack(each) for each in lists))
 
     def surfaces(self, data: Mapping[str, Array], horizontal: bool) -> tuple[Array, Array]:
-        """Return the polar angle surfaces s + t − 3c and the lowest s, t of every cell.
+        """Return the elevation surface s + t − 3c and the lower bound: the lowest s, t of a cell.
 
         At knots and grid polar angles s + t − 3c of D.1 is reproduced exactly; the weight of
         intersections at the pole is left out, because p is the exact value there.
@@ -209,30 +201,54 @@ class SliceLayout:
         """
         terms = self.surface_terms
         a_n, turn = self.azimuth_count, 2 * self.azimuth_count
-        nodes, cells = terms["corners"].shape[1], (a_n + 1) * (turn + 1)
-        read = Reader(data["corners"])
+        nodes, cells = terms.intersections.shape[1], (a_n + 1) * (turn + 1)
+        intersections = data["intersections"]
+        read = TableBuilder(intersections)
 
         total: Array = 0.0
         lowest: Array = None
-        for corner, (weight, no_pole) in zip(terms["corners"], terms["corner_weight"], strict=True):
+        for index, (weight, no_pole) in zip(
+            terms.intersections, terms.intersection_weight, strict=True
+        ):
             factor = -(2.0 * weight if horizontal else 0.0 * weight) - no_pole
-            total = total + read.scaled("corners", data, corner, factor, cells)
+            total = total + read.scaled(intersections, index, factor, cells)
         if horizontal:
             for step in (0, 1):
-                for key, weight in zip(
-                    ("slices_i", "slices_v"), terms["slice_weight"][step], strict=True
+                for index, weight in zip(
+                    (terms.slices_i[step], terms.slices_v[step]),
+                    terms.slice_weight[step],
+                    strict=True,
                 ):
-                    value = read.colours("horizontal", data, terms[key][step])
+                    value = read.colours(data["horizontal"], index)
                     lowest = value if lowest is None else namespace(value).minimum(lowest, value)
                     total = total + scale(value, read.repeat(weight, cells))
         else:  # nothing along the polar angles: no lower bound from there
-            lowest = read.colours("corners", data, terms["corners"][0]) * 0.0 + 3.0e38
+            lowest = read.colours(intersections, terms.intersections[0]) * 0.0 + 3.0e38
         grid = np.arange(nodes * cells).reshape(nodes, a_n + 1, turn + 1)
         around = [grid[:, r : r + a_n, c : c + turn].ravel() for r in (0, 1) for c in (0, 1)]
         return read.flat(total), read.flat(read.minimum_over(lowest, around))
 
 
-class Reader:
+@dataclass(frozen=True)
+class SurfaceTerms:
+    """What the elevation surface is summed from, for all pairs of nodes and intersections.
+
+    Attributes:
+        slices_i, slices_v: (2, node pairs, intersections) index of the sample of the horizontal
+            and of the vertical slice, at the polar angle below and above.
+        slice_weight: (2, 2, node pairs) weights of both, below and above.
+        intersections: (4, node pairs, intersections) index of the intersection at each corner.
+        intersection_weight: (4, 2, node pairs) its weight, and the same without those at the pole.
+    """
+
+    slices_i: np.ndarray
+    slices_v: np.ndarray
+    slice_weight: np.ndarray
+    intersections: np.ndarray
+    intersection_weight: np.ndarray
+
+
+class TableBuilder:
     """Array operations that differ between NumPy and Dr.Jit when whole tables are built."""
 
     def __init__(self, example: Array):
@@ -240,15 +256,12 @@ class Reader:
         if not self.numpy:
             self.number = type(example)
             self.index = dr.uint32_array_t(self.number)
-            double = dr.type_v(self.number) == dr.VarType.Float64
-            self.real = np.float64 if double else np.float32
-            self.like = vector_type(self.number)(0.0)
+            self.real = np.float32 if is_single(self.number) else np.float64
 
-    def colours(self, key: str, data: Mapping[str, Array], index: np.ndarray) -> Array:
+    def colours(self, table: Array, index: np.ndarray) -> Array:
         flat = index.reshape(-1)
-        if self.numpy:
-            return data[key].reshape(-1, 3)[flat]
-        return gather_colour(data[key], self.index(aligned(flat.astype(np.uint32))), self.like)
+        here = flat if self.numpy else self.index(aligned(flat.astype(np.uint32)))
+        return gather_colour(table, here)
 
     def numbers(self, values: np.ndarray) -> Array:
         return values if self.numpy else self.number(aligned(values.astype(self.real)))
@@ -259,18 +272,12 @@ class Reader:
     def repeat(self, weight: np.ndarray, cells: int) -> Array:
         return self.numbers(np.repeat(weight, cells))
 
-    def scaled(
-        self, key: str, data: Mapping[str, Array], index: np.ndarray, weight, cells
-    ) -> Array:
-        return scale(self.colours(key, data, index), self.repeat(weight, cells))
+    def scaled(self, table: Array, index: np.ndarray, weight: np.ndarray, cells: int) -> Array:
+        return scale(self.colours(table, index), self.repeat(weight, cells))
 
     def minimum_over(self, value: Array, around: list[np.ndarray]) -> Array:
-        if self.numpy:
-            return np.minimum.reduce([value[index] for index in around])
         flat = self.flat(value)
-        indices = [self.index(aligned(i.astype(np.uint32))) for i in around]
-        found = [gather_colour(flat, i, self.like) for i in indices]
-        return dr.minimum(dr.minimum(found[0], found[1]), dr.minimum(found[2], found[3]))
+        return reduce(namespace(flat).minimum, (self.colours(flat, index) for index in around))
 
     def flat(self, value: Array) -> Array:
         if self.numpy:
@@ -278,11 +285,3 @@ class Reader:
         flat = dr.ravel(value)
         dr.eval(flat)
         return flat
-
-
-def _triangular(i: Array, v: Array, exchanged: Array) -> Array:
-    """Number pairs (i <= v) row by row: v(v + 1)/2 + i."""
-    if exchanged is not False:
-        select = namespace(i).select
-        i, v = select(exchanged, v, i), select(exchanged, i, v)
-    return v * (v + 1) // 2 + i

@@ -7,11 +7,7 @@ surround it:
 
 with p, q, s, t the axial, diagonal, horizontal and vertical slices, each interpolated linearly in
 the three dimensions across it, and c the intersections, interpolated in all four.
-
-Coordinates. In the subspace of two polar angles, u = φ_v − φ_i and the mean azimuth
-m = φ_i + u/2 = (φ_i + φ_v)/2 run across and along the axial slices; the cell of a point is the
-rectangle between the axial rows j, j + 1 and the diagonal rows k, k + 1. When light and view
-change places, u becomes −u, which flips rows and positions. Only theta_i <= theta_v is stored.
+``simrig.brdf.slices.cells`` has the coordinates. Only theta_i <= theta_v is stored.
 
 At the pole one direction has no azimuth. The subspace (0, theta) is a single circle, and points
 near it are interpolated towards that circle at the azimuth of the other direction, so that the
@@ -20,36 +16,62 @@ value at theta = 0 is the same whatever azimuth is named there (D.1 alone would 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.slices.cells import (
+    AzimuthCell,
+    along_slice,
+    azimuth_cell,
+    corners,
+    surface_in_cell,
+    triangular,
+)
 from simrig.brdf.slices.layout import SliceLayout
-from simrig.brdf.tables.packed import gather_packed, pack_colours
+from simrig.brdf.tables.packed import Colours, colour_table
 from simrig.core.arrays import (
     Array,
+    cell,
     float_type,
-    gather_colour,
-    is_numpy,
     lerp,
+    multiply_add,
     namespace,
-    scale,
+    read_only,
     to_index,
     where_colour,
 )
 from simrig.core.errors import SimrigError
-from simrig.directions import to_angles, wrap_angle
+from simrig.directions import to_angles
+
+
+@dataclass(frozen=True)
+class SliceTables:
+    """What a look-up of slices reads.
+
+    Attributes:
+        axial, diagonal: the slices, (pairs, a_n + 1, M) colours.
+        surface: over the grid of polar angles, (node pairs, a_n + 1, 2·a_n + 1) colours: the
+            elevation surface s + t − 3c (of thesis section D.4; elevations are polar angles).
+        lower_bound: the smallest s and t around each cell, (node pairs, a_n, 2·a_n) colours.
+    """
+
+    axial: Colours
+    diagonal: Colours
+    surface: Colours
+    lower_bound: Colours
 
 
 class SliceBrdf(Brdf):
-    """Reflectance reconstructed from slices, in the compact layout of thesis appendix D.4.
+    """A BRDF reconstructed from slices, in the compact layout of thesis appendix D.4.
 
     Args:
         layout: the regular structure (polar angles, azimuth step, resolutions).
-        corners: (pairs, a_n + 1, 2·a_n + 1, 3) values at the intersections.
+        intersections: (pairs, a_n + 1, 2·a_n + 1, 3) values at the intersections.
         axial: (pairs, a_n + 1, M, 3) pre-interpolated axial slices over the mean azimuth.
         diagonal: (pairs, a_n + 1, M, 3) diagonal slices over half the azimuth difference.
         horizontal: (e_n, a_n, 2·a_n + 1, N, 3) horizontal slices over theta_v, or None when only
@@ -67,24 +89,25 @@ class SliceBrdf(Brdf):
     def __init__(
         self,
         layout: SliceLayout,
-        corners: np.ndarray,
+        intersections: np.ndarray,
         axial: np.ndarray,
         diagonal: np.ndarray,
-        horizontal: np.ndarray | None,
+        horizontal: np.ndarray | None = None,
         name: str = "slices",
     ):
         self.layout, self.name = layout, name
         self.theta_max = layout.theta_max
-        arrays = {"corners": corners, "axial": axial, "diagonal": diagonal}
+        given = {"intersections": intersections, "axial": axial, "diagonal": diagonal}
         if horizontal is not None:
-            arrays["horizontal"] = horizontal
-        self._arrays = {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in arrays.items()}
+            given["horizontal"] = horizontal
+        arrays = {key: read_only(array, np.float32) for key, array in given.items()}
         shapes = layout.shapes()
-        for key, array in self._arrays.items():
+        for key, array in arrays.items():
             if array.shape != shapes[key]:
                 raise SimrigError(f"'{key}' must have shape {shapes[key]}, got {array.shape}")
             if not np.all(np.isfinite(array)) or array.min() < 0.0:
                 raise SimrigError(f"'{key}' of a slice BRDF holds negative or NaN values")
+        self._arrays = MappingProxyType(arrays)
 
     @property
     def has_horizontal(self) -> bool:
@@ -95,108 +118,83 @@ class SliceBrdf(Brdf):
         return self._arrays
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that reconstruct the BRDF together with ``data()``."""
         return self.layout.as_dict()
 
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> SliceBrdf:
-        """Rebuild from ``structure()`` and ``data()``."""
-        layout = SliceLayout.from_dict(structure)
-        return cls(
-            layout, data["corners"], data["axial"], data["diagonal"], data.get("horizontal"), name
-        )
+        return cls(SliceLayout.from_dict(structure), **data, name=name)
 
     @property
     def stored_bytes(self) -> int:
         """Bytes of the layout of thesis Table D.3 (float32 RGB)."""
         return sum(array.nbytes for array in self._arrays.values())
 
-    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> dict[str, Array]:
-        """Return the look-up layout: slices, polar angle surfaces, lowest values.
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Any:
+        """Return ``SliceTables``: slices, the elevation surface and the lower bound.
 
-        ``between`` holds, for every pair of intersection azimuths and a regular grid of both
-        polar angles, s + t − 3c; look-ups then need 48 colours instead of 80. ``floor`` holds the
-        lowest s and t around each cell. All of it is linear in the data (but for ``floor``), so
-        derivatives pass through.
+        The surface makes a look-up read 48 colours instead of 80. All of it is linear in the data
+        (but for the lower bound), so derivatives pass through.
         """
-        between, floor = self.layout.surfaces(data, self.has_horizontal)
-        flat = {"axial": data["axial"], "diagonal": data["diagonal"]}
-        if is_numpy(between):
-            flat = {k: v.reshape(-1) for k, v in flat.items()}
-        number = type(flat["axial"])
-        can_pack = dr.is_jit_v(number) and dr.type_v(number) == dr.VarType.Float32
-        if differentiable or not can_pack:
-            return {**flat, "between": between, "floor": floor}
-        tables = {**flat, "between": between, "floor": floor}
-        return {f"packed_{key}": pack_colours(value) for key, value in tables.items()}
+        surface, lower_bound = self.layout.surfaces(data, self.has_horizontal)
+        parts = data["axial"], data["diagonal"], surface, lower_bound
+        return SliceTables(*(colour_table(part, differentiable) for part in parts))
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
-        active = above_horizon(wi, wv)
-        xp = namespace(wi)
-        theta_i, phi_i = (xp.select(active, angle, 0.0) for angle in to_angles(wi))
-        theta_v, phi_v = (xp.select(active, angle, 0.0) for angle in to_angles(wv))
-        value = self._interpolate(theta_i, phi_i, theta_v, phi_v, Texels(data, wi))
-        return where_colour(active, value if is_numpy(value) else type(wi)(value))
+    def look_up(self, wi: Array, wv: Array, tables: Any) -> Array:
+        return self._interpolate(tables, *to_angles(wi), *to_angles(wv))
 
     def eval_angles(
-        self,
-        theta_i: Array,
-        phi_i: Array,
-        theta_v: Array,
-        phi_v: Array,
-        data: Mapping[str, Array] | None = None,
+        self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, tables: Any = None
     ) -> Array:
         """Return f_r for angles in radians (NumPy or Dr.Jit), theta in [0, 90°).
 
         Args:
             theta_i, phi_i, theta_v, phi_v: of illumination and view, of the same shape.
-            data: arrays to read in the place of the reflectance's own, as ``prepare`` gives them.
+            tables: what to read in the place of the BRDF's own, as ``prepare`` returns it.
+
+        Returns:
+            A colour; black where an angle is not finite.
         """
-        data = self._data_for(theta_i, data)
-        texels = Texels(data, theta_i)
-        return self._interpolate(theta_i, phi_i, theta_v, phi_v, texels)
+        tables = self.tables(float_type(theta_i)) if tables is None else tables
+        angles = theta_i, phi_i, theta_v, phi_v
+        xp = namespace(theta_i)
+        finite = xp.isfinite(theta_i) & xp.isfinite(phi_i) & xp.isfinite(theta_v)
+        finite = finite & xp.isfinite(phi_v)
+        value = self._interpolate(tables, *(xp.select(finite, angle, 0.0) for angle in angles))
+        return where_colour(finite, value)
 
     def _interpolate(
-        self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, texels: Texels
+        self, tables: Any, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array
     ) -> Array:
-        lay, xp = self.layout, namespace(theta_i)
-        a_n = lay.azimuth_count
+        lay = self.layout
         theta_i, phi_i, theta_v, phi_v = self._stored_half(theta_i, phi_i, theta_v, phi_v)
-        m, j, y, k, x, b, d = azimuth_cell(phi_i, phi_v, a_n)
-        i, w = lay.theta_cell(theta_i)
-        v, z = lay.theta_cell(theta_v)
-
+        azimuths = azimuth_cell(phi_i, phi_v, lay.azimuth_count)
         value: Array = None
-        lowest = texels("floor", self._floor_index(theta_i, theta_v, j, k))
-        for step_i, weight_i in ((0, 1.0 - w), (1, w)):
-            for step_v, weight_v in ((0, 1.0 - z), (1, z)):
-                weight = weight_i * weight_v
-                # only the corner below the diagonal can belong to the other half of the pairs
-                flip = (i == v) if (step_i, step_v) == (1, 0) else False
-                pair = lay.pair(i + step_i, v + step_v, flip)
-                pole = _pole(i, v, step_i, step_v) if lay.one_pole else False
-                rows = (_choose(flip, a_n - j, j), _choose(flip, a_n - 1 - j, j + 1))
-                place = _choose(flip, m + np.pi, m)
-                if pole is not False:  # both rows read the circle where the other direction is
-                    around = phi_v if step_i == 0 else phi_i
-                    rows = tuple(xp.select(pole, 0 * row, row) for row in rows)
-                    place = xp.select(pole, around, place)
-                p_0, p_1 = (self._along("axial", texels, pair, row, place) for row in rows)
-                q_place = _choose(flip, -1.0 * d, d)
-                q_0, q_1 = (self._along("diagonal", texels, pair, b + o, q_place) for o in (0, 1))
-                value = _add(value, lerp(p_0, p_1, y), weight)
-                q_low = namespace(q_0).minimum(q_0, q_1)
-                if pole is not False:
-                    weight = xp.select(pole, 0.0, weight)
-                    q_low = _where(pole, p_0, q_low)
-                value = _add(value, lerp(q_0, q_1, x), weight)
-                for low in (p_0, p_1, q_low):
-                    lowest = namespace(lowest).minimum(lowest, low)
-        value = value + self._between(texels, theta_i, theta_v, phi_i, phi_v, (j, y, k, x))
-        return namespace(value).maximum(value, lowest)
+        lowest = tables.lower_bound.read(self._lower_bound_index(theta_i, theta_v, azimuths))
+        minimum = namespace(lowest).minimum
+        intervals = lay.theta_cell(theta_i), lay.theta_cell(theta_v)
+        for corner in corners(
+            *intervals, (phi_i, phi_v), azimuths, lay.azimuth_count, lay.one_pole
+        ):
+            own = corner.azimuths
+            p_0, p_1 = (
+                self._along(tables.axial, corner.pair, row, own.mean)
+                for row in (own.row, own.next_row)
+            )
+            q_0, q_1 = (
+                self._along(tables.diagonal, corner.pair, own.diagonal + step, own.along_diagonal)
+                for step in (0, 1)
+            )
+            value = multiply_add(lerp(p_0, p_1, own.row_weight), corner.weight, value)
+            weight, lowest_q = corner.weight, minimum(q_0, q_1)
+            if corner.pole is not False:  # a circle has no diagonal slices
+                weight = namespace(weight).select(corner.pole, 0.0, weight)
+                lowest_q = where_colour(corner.pole, p_0, lowest_q)
+            value = multiply_add(lerp(q_0, q_1, own.column_weight), weight, value)
+            lowest = minimum(minimum(minimum(lowest, p_0), p_1), lowest_q)
+        surface = self._surface(tables.surface, theta_i, theta_v, (phi_i, phi_v), azimuths)
+        return namespace(value).maximum(value + surface, lowest)
 
     def _stored_half(
         self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array
@@ -211,145 +209,32 @@ class SliceBrdf(Brdf):
         phi_i, phi_v = xp.select(exchange, phi_v, phi_i), xp.select(exchange, phi_i, phi_v)
         return xp.minimum(theta_i, top), phi_i, xp.minimum(theta_v, top), phi_v
 
-    def _along(self, key: str, texels: Texels, pair: Array, row: Array, place: Array) -> Array:
+    def _along(self, slices: Colours, pair: Array, row: Array, place: Array) -> Array:
         """Return the value of a slice at a position, linear between its stored samples."""
         count = self.layout.azimuth_samples
         start = (pair * (self.layout.azimuth_count + 1) + row) * count
-        return along_slice(lambda index: texels(key, index), start, place, count)
+        return along_slice(slices.read, start, place, count)
 
-    def _floor_index(self, theta_i: Array, theta_v: Array, j: Array, k: Array) -> Array:
-        """Return where the lowest value around the nearest node of the polar angle grid lies."""
+    def _lower_bound_index(self, theta_i: Array, theta_v: Array, azimuths: AzimuthCell) -> Array:
+        """Return where the lower bound at the nearest node of the polar angle grid lies."""
         lay = self.layout
-        a, b = (to_index(lay.node_position(t) + 0.5) for t in (theta_i, theta_v))
-        return (lay.node_pair(a, b, False) * lay.azimuth_count + j) * 2 * lay.azimuth_count + k
+        node_i, node_v = (to_index(lay.node_position(t) + 0.5) for t in (theta_i, theta_v))
+        row = triangular(node_i, node_v) * lay.azimuth_count + azimuths.row
+        return row * 2 * lay.azimuth_count + azimuths.column
 
-    def _between(
+    def _surface(
         self,
-        texels: Texels,
+        surface: Colours,
         theta_i: Array,
         theta_v: Array,
-        phi_i: Array,
-        phi_v: Array,
-        where: tuple[Array, Array, Array, Array],
+        phi: tuple[Array, Array],
+        azimuths: AzimuthCell,
     ) -> Array:
-        """Return s + t − 3c at a point: bilinear in both polar angles and both azimuth rows."""
-        lay, xp = self.layout, namespace(theta_i)
-        a_n, last = lay.azimuth_count, lay.node_count - 1
-        j, y, k, x = where
-        a, w = cell(lay.node_position(theta_i), last)
-        b, z = cell(lay.node_position(theta_v), last)
-        value: Array = None
-        for step_i, weight_i in ((0, 1.0 - w), (1, w)):
-            for step_v, weight_v in ((0, 1.0 - z), (1, z)):
-                flip = (a == b) if (step_i, step_v) == (1, 0) else False
-                node = lay.node_pair(a + step_i, b + step_v, flip)
-                row, column = _choose(flip, a_n - 1 - j, j), k
-                y_here, x_here = _choose(flip, 1.0 - y, y), x
-                if flip is not False:
-                    column = xp.select(flip, xp.select(k >= a_n, k - a_n, k + a_n), k)
-                pole = _pole(a, b, step_i, step_v) if lay.one_pole else False
-                if pole is not False:
-                    around = phi_v if step_i == 0 else phi_i
-                    k_pole, x_pole = cell(wrap_angle(around) / (0.5 * lay.azimuth_step), 2 * a_n)
-                    row, column = xp.select(pole, 0 * row, row), xp.select(pole, k_pole, column)
-                    y_here, x_here = xp.select(pole, 0.0, y_here), xp.select(pole, x_pole, x_here)
-                start = (node * (a_n + 1) + row) * (2 * a_n + 1) + column
-                c_00, c_01 = texels("between", start), texels("between", start + 1)
-                start = start + (2 * a_n + 1)
-                c_10, c_11 = texels("between", start), texels("between", start + 1)
-                surface = lerp(lerp(c_00, c_01, x_here), lerp(c_10, c_11, x_here), y_here)
-                value = _add(value, surface, weight_i * weight_v)
+        """Return s + t − 3c at a point: bilinear in both polar angles and in the azimuth cell."""
+        lay, value = self.layout, None
+        last = lay.node_count - 1
+        nodes_i, nodes_v = (cell(lay.node_position(theta), last) for theta in (theta_i, theta_v))
+        for corner in corners(nodes_i, nodes_v, phi, azimuths, lay.azimuth_count, lay.one_pole):
+            here = surface_in_cell(surface.read, corner.pair, corner.azimuths, lay.azimuth_count)
+            value = multiply_add(here, corner.weight, value)
         return value
-
-
-def azimuth_cell(phi_i: Array, phi_v: Array, a_n: int) -> tuple[Array, ...]:
-    """Return where a pair of azimuths lies among the slices of a subspace.
-
-    Args:
-        phi_i, phi_v: azimuths in radians.
-        a_n: axial slices of a subspace (``SliceLayout.azimuth_count``).
-
-    Returns:
-        m: mean azimuth in radians; j, y: axial row, and where between it and the next; k, x:
-        half step of the mean azimuth, and where in it; b, d: the diagonal row of k, and the
-        position along it in radians.
-    """
-    xp = namespace(phi_i)
-    u = wrap_angle(phi_v - phi_i)
-    m = wrap_angle(phi_i + 0.5 * u)
-    j, y = cell(u * (0.5 * a_n / np.pi), a_n)
-    k, x = cell(m * (a_n / np.pi), 2 * a_n)
-    second = k >= a_n  # the second half turn of the mean azimuth reuses the diagonal rows
-    b = xp.select(second, k - a_n, k)
-    d = xp.select(second, 0.5 * u + np.pi, 0.5 * u)
-    return m, j, y, k, x, b, d
-
-
-def along_slice(read: Callable[[Array], Array], start: Array, place: Array, count: int) -> Array:
-    """Return the value of a periodic slice, linear between its stored samples.
-
-    Args:
-        read: gives the colour at an index.
-        start: index of the first of the slice's samples.
-        place: position in radians, wrapped.
-        count: samples over the full turn.
-    """
-    index, weight = cell(wrap_angle(place) * (count / (2.0 * np.pi)), count)
-    after = namespace(place).select(index == count - 1, 0 * index, index + 1)
-    return lerp(read(start + index), read(start + after), weight)
-
-
-class Texels:
-    """Reads colours from float tables or from their packed form.
-
-    Args:
-        data: what ``prepare`` made.
-        like: a number or vector of the type that the colours are computed in.
-    """
-
-    def __init__(self, data: Mapping[str, Array], like: Array):
-        self._data, self._number = data, float_type(like)
-        self._like = like
-        if not is_numpy(like) and (isinstance(like, float) or dr.size_v(type(like)) != 3):
-            from simrig.core.arrays import vector_type
-
-            self._like = vector_type(self._number)(0.0)
-
-    def __call__(self, key: str, index: Array) -> Array:
-        packed = self._data.get(f"packed_{key}")
-        if packed is not None:
-            return gather_packed(packed, index, self._number)
-        return gather_colour(self._data[key], index, self._like)
-
-
-def _pole(i: Array, v: Array, step_i: int, step_v: int) -> Array:
-    """Return where a corner has theta = 0 for either direction (False: nowhere)."""
-    if (step_i, step_v) == (1, 1):
-        return False
-    if step_i == 0:
-        return i == 0  # theta_i <= theta_v, so theta_v can only be 0 together with theta_i
-    return v == 0
-
-
-def cell(t: Array, count: int) -> tuple[Array, Array]:
-    """Return the cell of a coordinate in [0, count], and where in the cell it lies, in [0, 1]."""
-    xp = namespace(t)
-    index = xp.minimum(to_index(t), count - 1)
-    if is_numpy(t):
-        return index, t - index
-    return index, t - type(t)(index)
-
-
-def _choose(flip: Array, yes: Array, no: Array) -> Array:
-    return no if flip is False else namespace(no).select(flip, yes, no)
-
-
-def _where(mask: Array, yes: Array, no: Array) -> Array:
-    return (
-        np.where(np.asarray(mask)[..., None], yes, no) if is_numpy(no) else dr.select(mask, yes, no)
-    )
-
-
-def _add(total: Array, colour: Array, weight: Array) -> Array:
-    part = scale(colour, weight)
-    return part if total is None else total + part

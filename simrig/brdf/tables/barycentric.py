@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import drjit as dr
 import numpy as np
 from scipy.sparse import csr_array
 
 from simrig.brdf.checks import check_values
-from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.grid import grid_sizes
-from simrig.brdf.tables.packed import prepare_table, read_colour
-from simrig.core.arrays import Array, is_numpy, scale, where_colour
+from simrig.brdf.tables.packed import Colours, colour_table
+from simrig.core.arrays import Array, multiply_add, read_only
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
@@ -49,7 +48,7 @@ class BarycentricBrdf(Brdf):
         reciprocal: bool | None = None,
         name: str = "barycentric",
     ):
-        self.theta, self.phi = (np.array(angle, dtype=np.float64) for angle in (theta, phi))
+        self.theta, self.phi = (read_only(angle, np.float64) for angle in (theta, phi))
         values = np.asarray(values)
         if values.dtype not in (np.float32, np.float64):
             values = values.astype(np.float64)
@@ -60,7 +59,7 @@ class BarycentricBrdf(Brdf):
                 f"{self.theta.shape}, {self.phi.shape} and {values.shape}"
             )
         check_values(values, f"table '{name}'")
-        self.values, self.name = values, name
+        self.values, self.name = read_only(values), name
         self.triangulation = HemisphereTriangulation(to_vector(self.theta, self.phi))
         self.theta_max = float(self.theta.max())
         if reciprocal is None:
@@ -76,44 +75,25 @@ class BarycentricBrdf(Brdf):
         return {"values": self.values}
 
     def structure(self) -> dict[str, Any]:
-        """Return the plain values that reconstruct it together with ``data()``."""
         return {
             "theta": self.theta.tolist(),
             "phi": self.phi.tolist(),
             "reciprocal": self.reciprocal,
         }
 
-    @classmethod
-    def from_parts(
-        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> BarycentricBrdf:
-        """Rebuild it from ``structure()`` and ``data()``."""
-        return cls(
-            np.asarray(structure["theta"], dtype=np.float64),
-            np.asarray(structure["phi"], dtype=np.float64),
-            data["values"],
-            reciprocal=bool(structure["reciprocal"]),
-            name=name,
-        )
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Colours:
+        return colour_table(data["values"], differentiable)
 
-    def prepare(
-        self, data: Mapping[str, Array], differentiable: bool = True
-    ) -> Mapping[str, Array]:
-        return prepare_table(data, differentiable)
-
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
+    def look_up(self, wi: Array, wv: Array, tables: Colours) -> Array:
         light, view = self.triangulation.locate(wi), self.triangulation.locate(wv)
-        active = above_horizon(wi, wv)
         count = len(self.theta)
         value: Array = None
         for row, row_weight in zip(light.nodes, light.weights, strict=True):
             inner: Array = None
             for column, weight in zip(view.nodes, view.weights, strict=True):
-                colour = read_colour(data, row * count + column, wi, active)
-                inner = _multiply_add(colour, weight, inner)
-            value = _multiply_add(inner, row_weight, value)
-        return where_colour(active, value if is_numpy(value) else type(wi)(value))
+                inner = multiply_add(tables.read(row * count + column), weight, inner)
+            value = multiply_add(inner, row_weight, value)
+        return value
 
     def to_dense(self, step_deg: float = 2.0) -> np.ndarray:
         """Return the whole array on a regular grid of all four angles.
@@ -151,10 +131,3 @@ class BarycentricBrdf(Brdf):
         shape = (len(directions), len(self.theta))
         parts = (values.ravel().astype(np.float32), columns.ravel(), first)
         return csr_array(parts, shape=shape)
-
-
-def _multiply_add(colour: Array, weight: Array, total: Array) -> Array:
-    """Return colour · weight + total (or without a total)."""
-    if total is None:
-        return scale(colour, weight)
-    return total + scale(colour, weight) if is_numpy(colour) else dr.fma(colour, weight, total)

@@ -6,13 +6,20 @@ from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from simrig.brdf.checks import check_values
-from simrig.brdf.protocol import Brdf, above_horizon
-from simrig.brdf.tables.packed import prepare_table, read_colour
-from simrig.core.arrays import Array, components, is_numpy, namespace, scale, to_index, where_colour
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.tables.packed import Colours, colour_table
+from simrig.core.arrays import (
+    Array,
+    components,
+    multiply_add,
+    namespace,
+    read_only,
+    scale,
+    to_index,
+)
 from simrig.core.errors import SimrigError, unknown_name
 
 BEYOND = ("hold", "fade")
@@ -30,7 +37,7 @@ class DenseTable(Brdf):
 
     Args:
         values: shape (n_theta, n_theta, n_phi_i, n_phi_v, 3), linear RGB in 1/sr, float32 or
-            float64, finite and >= 0. Kept without a copy where nothing has to be changed.
+            float64, finite and >= 0. Copied, unless nobody can change it any more.
         theta_step: step of the polar angles, in radians.
         theta_max: last polar angle, in radians; by default (n_theta - 1) · theta_step.
         beyond: what a direction between theta_max and the horizon gets: ``"hold"`` the value
@@ -63,7 +70,7 @@ class DenseTable(Brdf):
         theta_max = (n_theta - 1) * theta_step if theta_max is None else theta_max
         _check_thetas(n_theta, theta_step, theta_max)
         check_values(values, f"table '{name}'")
-        self.values = _with_single_pole(values)
+        self.values = read_only(_with_single_pole(values))
         self.theta_step, self.theta_max = float(theta_step), float(theta_max)
         self.beyond, self.name = beyond, name
         self.reciprocal = _is_reciprocal(self.values) if reciprocal is None else bool(reciprocal)
@@ -83,8 +90,7 @@ class DenseTable(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return {"values": self.values}
 
-    def structure(self) -> dict[str, float | int | str | bool | list]:
-        """Return the plain values that reconstruct the table together with ``data()``."""
+    def structure(self) -> dict[str, Any]:
         return {
             "theta_step": self.theta_step,
             "theta_max": self.theta_max,
@@ -92,34 +98,14 @@ class DenseTable(Brdf):
             "reciprocal": self.reciprocal,
         }
 
-    @classmethod
-    def from_parts(
-        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> DenseTable:
-        """Rebuild a table from ``structure()`` and ``data()``."""
-        return cls(
-            data["values"],
-            float(structure["theta_step"]),
-            float(structure["theta_max"]),
-            beyond=str(structure["beyond"]),
-            reciprocal=bool(structure["reciprocal"]),
-            name=name,
-        )
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Colours:
+        return colour_table(data["values"], differentiable)
 
-    def prepare(
-        self, data: Mapping[str, Array], differentiable: bool = True
-    ) -> Mapping[str, Array]:
-        return prepare_table(data, differentiable)
-
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
+    def look_up(self, wi: Array, wv: Array, tables: Colours) -> Array:
         n_theta, _, n_phi_i, n_phi_v, _ = self.values.shape
         rows_i, faded_i = self._theta(wi)
         rows_v, faded_v = self._theta(wv)
         columns_i, columns_v = _azimuth_nodes(wi, n_phi_i), _azimuth_nodes(wv, n_phi_v)
-        active = above_horizon(wi, wv)
-        if is_numpy(active):  # a NaN direction must not become an index
-            active = active & np.isfinite(rows_i[1][1]) & np.isfinite(rows_v[1][1])
         blocks = [
             ((row_i * n_theta + row_v) * (n_phi_i * n_phi_v), weight_i * weight_v)
             for (row_i, weight_i), (row_v, weight_v) in product(rows_i, rows_v)
@@ -128,23 +114,13 @@ class DenseTable(Brdf):
             (column_i * n_phi_v + column_v, weight_i * weight_v)
             for (column_i, weight_i), (column_v, weight_v) in product(columns_i, columns_v)
         ]
-        value = self._interpolate(data, blocks, cells, wi, active)
-        if faded_i is not None:
-            value = scale(value, faded_i * faded_v)
-        return where_colour(active, value)
-
-    def _interpolate(
-        self, data: Mapping[str, Array], blocks: list, cells: list, like: Array, active: Array
-    ) -> Array:
-        """Return the sum of the 16 corner colours by their weights."""
         value: Array = None
         for block, block_weight in blocks:
             inner: Array = None
             for cell, weight in cells:
-                colour = read_colour(data, block + cell, like, active)
-                inner = _multiply_add(colour, weight, inner)
-            value = _multiply_add(inner, block_weight, value)
-        return value if is_numpy(value) else type(like)(value)
+                inner = multiply_add(tables.read(block + cell), weight, inner)
+            value = multiply_add(inner, block_weight, value)
+        return value if faded_i is None else scale(value, faded_i * faded_v)
 
     def _theta(self, direction: Array) -> tuple[list[tuple[Array, Array]], Array]:
         """Return the two rows with their weights, and the fading factor (None without)."""
@@ -159,7 +135,7 @@ class DenseTable(Brdf):
             tail = (n_theta - 2) + (theta - regular_end) * (1.0 / last_step)
             position = xp.select(theta > regular_end, tail, position)
         position = xp.minimum(xp.maximum(position, 0.0), n_theta - 1.0)
-        row = to_index(xp.minimum(_without_nan(position), n_theta - 2.0))
+        row = to_index(xp.minimum(position, n_theta - 2.0))
         upper = position - row
         fade = None
         if self.beyond == "fade":
@@ -167,25 +143,11 @@ class DenseTable(Brdf):
         return [(row, 1.0 - upper), (row + 1, upper)], fade
 
 
-def _without_nan(position: Array) -> Array:
-    return np.nan_to_num(position) if is_numpy(position) else position
-
-
-def _multiply_add(colour: Array, weight: Array, total: Array) -> Array:
-    """Return colour · weight + total (or without a total)."""
-    if total is None:
-        return scale(colour, weight)
-    if is_numpy(colour):
-        total += scale(colour, weight)
-        return total
-    return dr.fma(colour, weight, total)
-
-
 def _azimuth_nodes(direction: Array, count: int) -> list[tuple[Array, Array]]:
     """Return the two azimuth nodes around a direction with their weights, wrapped."""
     x, y, _ = components(direction)
     xp = namespace(x)
-    position = _without_nan(xp.atan2(y, x)) * (count / (2.0 * np.pi))
+    position = xp.atan2(y, x) * (count / (2.0 * np.pi))
     below = xp.floor(position)  # from -count/2 - 1 to count/2: wrapped once, exactly
     upper = position - below
     first = to_index(xp.select(below < 0.0, below + count, below))

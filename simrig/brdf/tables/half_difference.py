@@ -12,16 +12,16 @@ import numpy as np
 
 from simrig.brdf.kriging.coordinates import Stretch
 from simrig.brdf.kriging.symmetry import Symmetry
-from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.tables.packed import PlainColours
 from simrig.core.arrays import (
     Array,
     components,
-    gather_colour,
-    is_numpy,
+    multiply_add,
     namespace,
+    read_only,
     scale,
     to_index,
-    where_colour,
 )
 from simrig.core.errors import SimrigError
 from simrig.directions.half_difference import HalfDifference, to_half_difference
@@ -81,7 +81,7 @@ class HalfDifferenceTable(Brdf):
             raise SimrigError(f"table '{name}' needs a width > 0 and a linear share in [0, 1]")
         if symmetry.reciprocal and power:
             raise SimrigError("a reciprocal table cannot hold the cosine of one direction")
-        self.logs, self.symmetry, self.stretch = logs, symmetry, stretch
+        self.logs, self.symmetry, self.stretch = read_only(logs), symmetry, stretch
         self.floor, self.power, self.name = float(floor), int(power), name
         self.theta_max, self.reciprocal = float(theta_max), symmetry.reciprocal
 
@@ -93,8 +93,7 @@ class HalfDifferenceTable(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return {"logs": self.logs}
 
-    def structure(self) -> dict[str, float | int | str | bool | list]:
-        """Return the plain values that rebuild the table together with ``data()``."""
+    def structure(self) -> dict[str, Any]:
         return {
             **asdict(self.symmetry),
             **asdict(self.stretch),
@@ -107,7 +106,6 @@ class HalfDifferenceTable(Brdf):
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> HalfDifferenceTable:
-        """Rebuild a table from ``structure()`` and ``data()``."""
         return cls(
             data["logs"],
             Symmetry.from_dict(structure),
@@ -118,11 +116,12 @@ class HalfDifferenceTable(Brdf):
             name,
         )
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> PlainColours:
+        return PlainColours(data["logs"])  # packed, a logarithm would lose what f_r needs
+
+    def look_up(self, wi: Array, wv: Array, tables: PlainColours) -> Array:
         at = to_half_difference(wi, wv)
         xp = namespace(at.theta_h)
-        active = above_horizon(wi, wv)
         phi_h, phi_d = self.symmetry.fold(self._from_axis(at))
         n_h, n_p, n_d, n_q, _ = self.logs.shape
         (turn_h, turn_d), (fold_h, fold_d) = self.symmetry.extent, self.symmetry.folded
@@ -132,8 +131,6 @@ class HalfDifferenceTable(Brdf):
             at.theta_d * ((n_d - 1.0) / HALF),
             phi_d * ((n_q - 1.0) * 2.0 / turn_d if fold_d else n_q / turn_d),
         ]
-        if is_numpy(active):  # a NaN direction must not become an index
-            positions = [np.nan_to_num(position) for position in positions]
         axes = [
             _nodes(position, count, periodic)
             for position, count, periodic in zip(
@@ -143,12 +140,11 @@ class HalfDifferenceTable(Brdf):
         logs: Array = None
         for (a, p), (b, q), (c, r), (d, s) in product(*axes):
             index = ((a * n_p + b) * n_d + c) * n_q + d
-            part = scale(gather_colour(data["logs"], index, wi, active), p * q * r * s)
-            logs = part if logs is None else logs + part
+            logs = multiply_add(tables.read(index), p * q * r * s, logs)
         value = xp.maximum(xp.exp(logs) - self.floor, 0.0)
         if self.power:
             value = scale(value, 1.0 / xp.maximum(components(wi)[2], math.cos(self.theta_max)))
-        return where_colour(active, value if is_numpy(value) else type(wi)(value))
+        return value
 
     def _from_axis(self, at: HalfDifference) -> HalfDifference:
         """Return the angles with phi_h from the main axis."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.checks import check_values
-from simrig.brdf.protocol import Brdf, above_horizon
-from simrig.brdf.tables.packed import prepare_table, read_colour
-from simrig.core.arrays import Array, is_numpy, namespace, scale, to_index, where_colour
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.tables.packed import Colours, colour_table
+from simrig.core.arrays import Array, multiply_add, namespace, read_only, to_index
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.directions.half_difference import from_half_difference, to_half_difference
 
@@ -64,61 +64,36 @@ class IsotropicTable(Brdf):
         if lookup not in LOOKUPS:
             raise unknown_name("lookup", lookup, LOOKUPS)
         check_values(values, f"table '{name}'")
-        self.values, self.lookup, self.name = values, lookup, name
+        self.values, self.lookup, self.name = read_only(values), lookup, name
         self.theta_max, self.reciprocal = float(theta_max), bool(reciprocal)
 
     def data(self) -> Mapping[str, np.ndarray]:
         return {"values": self.values}
 
-    def structure(self) -> dict[str, float | int | str | bool | list]:
-        """Return the plain values that reconstruct the table together with ``data()``."""
+    def structure(self) -> dict[str, Any]:
         return {
             "lookup": self.lookup,
             "theta_max": self.theta_max,
             "reciprocal": self.reciprocal,
         }
 
-    @classmethod
-    def from_parts(
-        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
-    ) -> IsotropicTable:
-        """Rebuild a table from ``structure()`` and ``data()``."""
-        return cls(
-            data["values"],
-            str(structure["lookup"]),
-            float(structure["theta_max"]),
-            name,
-            bool(structure["reciprocal"]),
-        )
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Colours:
+        return colour_table(data["values"], differentiable)
 
-    def prepare(
-        self, data: Mapping[str, Array], differentiable: bool = True
-    ) -> Mapping[str, Array]:
-        return prepare_table(data, differentiable)
-
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
+    def look_up(self, wi: Array, wv: Array, tables: Colours) -> Array:
         n_theta_h, n_theta_d, n_phi_d, _ = self.values.shape
         angles = to_half_difference(wi, wv)
-        xp = namespace(angles.theta_h)
-        active = above_horizon(wi, wv)
-        positions = (
-            n_theta_h * xp.sqrt(angles.theta_h * (2.0 / np.pi)),
-            angles.theta_d * (n_theta_d * 2.0 / np.pi),
-            angles.phi_d * (n_phi_d / _period(self.reciprocal)),
-        )
-        if is_numpy(active):  # a NaN direction must not become an index
-            positions = tuple(np.nan_to_num(position) for position in positions)
+        root = namespace(angles.theta_h).sqrt(angles.theta_h * (2.0 / np.pi))
         sides = 1 if self.lookup == "nearest" else 2
-        rows = _bins(positions[0], n_theta_h, sides)
-        columns = _bins(positions[1], n_theta_d, sides)
-        turns = _periodic_bins(positions[2], n_phi_d, sides)
+        rows = _bins(n_theta_h * root, n_theta_h, sides)
+        columns = _bins(angles.theta_d * (n_theta_d * 2.0 / np.pi), n_theta_d, sides)
+        turn = angles.phi_d * (n_phi_d / _period(self.reciprocal))
+        turns = _periodic_bins(turn, n_phi_d, sides)
         value: Array = None
         for (row, a), (column, b), (turn, c) in product(rows, columns, turns):
             index = (row * n_theta_d + column) * n_phi_d + turn
-            colour = scale(read_colour(data, index, wi, active), a * b * c)
-            value = colour if value is None else value + colour
-        return where_colour(active, value if is_numpy(value) else type(wi)(value))
+            value = multiply_add(tables.read(index), a * b * c, value)
+        return value
 
 
 def _period(reciprocal: bool) -> float:

@@ -11,13 +11,13 @@ fills the 11 and 10 bits that are left.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from simrig.core.arrays import Array, float_type, gather_colour, is_numpy, vector_type
+from simrig.core.arrays import Array, gather_colour, is_numpy, is_single, vector_type
 
 _DROPPED = 11  # mantissa bits of float32 that are not kept
 _HALF = 1 << (_DROPPED - 1)
@@ -65,22 +65,57 @@ def _join(red: Array, green: Array, blue: Array) -> Array:
     return (high << shift(32)) | low
 
 
-def gather_packed(source: Array, index: Array, float_type: type, active: Array = True) -> Any:
-    """Read and unpack colour number ``index`` of a packed Dr.Jit table.
+@dataclass(frozen=True)
+class PlainColours:
+    """A table of colours as it is: differentiable, of any float type.
 
-    Args:
-        source: UInt64 array as made by ``pack_colours``.
-        index: 32-bit indices in range (Dr.Jit does not check).
-        float_type: the float type of the result's components.
+    Attributes:
+        values: flat Dr.Jit array of triples, or a NumPy array of shape (..., 3) or flat.
     """
-    single: Any = dr.float32_array_t(float_type)
-    packed = dr.gather(type(source), source, index, active)
-    uint = type(index)
-    high, low = uint(packed >> 32), uint(packed)
-    blue = (high << (32 - _DROPPED)) | ((low & ((1 << _LOW_BLUE) - 1)) << _DROPPED)
-    return vector_type(float_type)(
-        *(dr.reinterpret_array(single, word) for word in (high & _KEPT, low & _KEPT, blue))
-    )
+
+    values: Array
+
+    def read(self, index: Array) -> Array:
+        """Return colour number ``index``; it must be in range (Dr.Jit does not check)."""
+        return gather_colour(self.values, index)
+
+
+@dataclass(frozen=True)
+class PackedColours:
+    """A table of packed colours, read in float32 and without derivatives.
+
+    Attributes:
+        words: what ``pack_colours`` returned.
+    """
+
+    words: Array
+
+    def read(self, index: Array) -> Array:
+        """Return colour number ``index``; it must be in range (Dr.Jit does not check)."""
+        if is_numpy(self.words):
+            return unpack_colours(self.words[index])
+        single: Any = dr.float32_array_t(type(self.words))
+        packed = dr.gather(type(self.words), self.words, index)
+        uint: Any = dr.uint32_array_t(type(self.words))
+        high, low = uint(packed >> 32), uint(packed)
+        blue = (high << (32 - _DROPPED)) | ((low & ((1 << _LOW_BLUE) - 1)) << _DROPPED)
+        return vector_type(single)(
+            *(dr.reinterpret_array(single, word) for word in (high & _KEPT, low & _KEPT, blue))
+        )
+
+
+Colours = PlainColours | PackedColours
+
+
+def colour_table(values: Array, differentiable: bool) -> Colours:
+    """Return a colour table in the layout that is best to read.
+
+    That is the packed one where no derivatives are wanted and the table is a Dr.Jit float32
+    array, and the table itself otherwise.
+    """
+    if differentiable or not is_single(type(values)):
+        return PlainColours(values)
+    return PackedColours(pack_colours(values))
 
 
 def unpack_colours(packed: np.ndarray) -> np.ndarray:
@@ -92,39 +127,3 @@ def unpack_colours(packed: np.ndarray) -> np.ndarray:
     )
     kept = np.uint32(_KEPT)
     return np.stack([high & kept, low & kept, blue], axis=-1).view(np.float32)
-
-
-def read_packed(source: Array, index: Array, like: Array, active: Array = True) -> Array:
-    """Read packed colour number ``index``, as a colour of the kind of ``like``.
-
-    Args:
-        source: NumPy uint64 for NumPy and plain indices, a UInt64 array for Dr.Jit ones.
-        index: in range (Dr.Jit does not check).
-        like: a vector of the type that is wanted.
-        active: mask of Dr.Jit look-ups.
-    """
-    if is_numpy(index):
-        return unpack_colours(source[index])
-    if isinstance(index, int):
-        return type(like)(*unpack_colours(source[index : index + 1])[0].tolist())
-    return gather_packed(source, index, float_type(like), active)
-
-
-def prepare_table(data: Mapping[str, Array], differentiable: bool) -> Mapping[str, Array]:
-    """Return the data of a colour table ``values`` in the layout that ``read_colour`` reads.
-
-    That is the packed one where no derivatives are wanted and the table is a Dr.Jit float32
-    array, and the table itself otherwise.
-    """
-    values = data["values"]
-    single = dr.is_jit_v(values) and dr.type_v(values) == dr.VarType.Float32
-    if differentiable or not single:
-        return data
-    return {"packed": pack_colours(values)}
-
-
-def read_colour(data: Mapping[str, Array], index: Array, like: Array, active: Array) -> Array:
-    """Read colour number ``index`` of prepared data, as a colour of the type of ``like``."""
-    if "packed" in data:
-        return gather_packed(data["packed"], index, float_type(like), active)
-    return gather_colour(data["values"], index, like, active)

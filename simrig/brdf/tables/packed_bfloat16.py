@@ -8,12 +8,14 @@ table carries no derivatives.
 
 from __future__ import annotations
 
+import importlib
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from simrig.core.arrays import Array, array_type, is_numpy
+from simrig.core.arrays import Array, array_type, is_numpy, is_single
 
 EIGHT = 8
 RELATIVE_ERROR = 2.0**-8
@@ -34,37 +36,57 @@ def pack_bfloat16(values: Array) -> Array:
     return (upper & _UPPER) | (lower >> 16)
 
 
-def gather_eight(source: Array, index: Array, active: Array = True) -> Array:
-    """Read group number ``index`` of eight numbers.
+@dataclass(frozen=True)
+class PlainEights:
+    """Groups of eight numbers as they are: differentiable, of any float type.
 
-    Args:
-        source: a flat table of floats, or Dr.Jit words of ``pack_bfloat16``.
-        index: in range (Dr.Jit does not check).
-        active: mask of Dr.Jit look-ups.
-
-    Returns:
-        NumPy array of shape (..., 8) or a Dr.Jit array of eight numbers, as the index is.
+    Attributes:
+        values: flat Dr.Jit array, or a NumPy array of shape (..., 8·k) or flat.
     """
-    if is_numpy(index):
-        return source.reshape(-1, EIGHT)[index]
-    if isinstance(index, int):
-        import drjit.scalar
 
-        first = EIGHT * index
-        return drjit.scalar.ArrayXf64([float(x) for x in source[first : first + EIGHT]])
-    kind = type(source)
-    if dr.is_float_v(kind):
+    values: Array
+
+    def read(self, index: Array) -> Array:
+        """Return group number ``index`` (in range): NumPy (..., 8) or eight Dr.Jit numbers."""
+        if is_numpy(self.values):
+            return self.values.reshape(-1, EIGHT)[index]
+        kind = type(self.values)
         four: Any = array_type(kind, _WORDS)
-        halves: Any = [dr.gather(four, source, 2 * index + part, active) for part in (0, 1)]
+        halves: Any = [dr.gather(four, self.values, 2 * index + part) for part in (0, 1)]
         return array_type(kind, EIGHT)([*halves[0], *halves[1]])
-    single: Any = dr.float32_array_t(kind)
-    words: Any = dr.gather(_four_words(kind), source, index, active)
-    numbers = [word & _UPPER for word in words] + [word << 16 for word in words]
-    return array_type(single, EIGHT)([dr.reinterpret_array(single, n) for n in numbers])
+
+
+@dataclass(frozen=True)
+class Bfloat16Eights:
+    """Groups of eight bfloat16 numbers, read in float32 and without derivatives.
+
+    Attributes:
+        words: what ``pack_bfloat16`` returned.
+    """
+
+    words: Array
+
+    def read(self, index: Array) -> Array:
+        """Return group number ``index``, in range, as eight Dr.Jit numbers."""
+        kind = type(self.words)
+        single: Any = dr.float32_array_t(kind)
+        words: Any = dr.gather(_four_words(kind), self.words, index)
+        numbers = [word & _UPPER for word in words] + [word << 16 for word in words]
+        return array_type(single, EIGHT)([dr.reinterpret_array(single, n) for n in numbers])
+
+
+Eights = PlainEights | Bfloat16Eights
+
+
+def eights(values: Array, differentiable: bool) -> Eights:
+    """Return a table of groups of eight in the layout that is best to read."""
+    if differentiable or not is_single(type(values)):
+        return PlainEights(values)
+    return Bfloat16Eights(pack_bfloat16(values))
 
 
 def joined(eights: list[Array]) -> Array:
-    """Return groups of ``gather_eight`` as one array of numbers per look-up."""
+    """Return groups that were read as one array of numbers per look-up."""
     if is_numpy(eights[0]):
         return np.concatenate(eights, axis=-1)
     return type(eights[0])([number for eight in eights for number in eight])
@@ -87,6 +109,4 @@ def inner(a: Array, b: Array) -> Array:
 
 
 def _four_words(kind: type) -> type:
-    import importlib
-
     return importlib.import_module(kind.__module__).Array4u

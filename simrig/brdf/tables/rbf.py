@@ -12,19 +12,23 @@ spline, reciprocal.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.tables.local_splines import LocalSplines
 from simrig.brdf.tables.scattered import limit_theta
-from simrig.core.arrays import Array, float_type, is_numpy, where_colour
+from simrig.brdf.tables.thin_plate import ThinPlateSpline
+from simrig.core.arrays import Array, float_type, is_numpy, read_only, vector_type
 from simrig.core.errors import SimrigError
 from simrig.directions.onion import to_onion
 from simrig.directions.spherical import to_angles
 
 BAND = float(np.radians(2.0))  # the halves are blended where |theta_v - theta_i| is below
+_HALVES = ("steep_light", "steep_view")
 
 Progress = Callable[[int], None]
 
@@ -32,14 +36,28 @@ Progress = Callable[[int], None]
 class Spline(Protocol):
     """Something that interpolates three channels over points of four coordinates."""
 
-    @property
-    def stored_bytes(self) -> int:
-        """Size of what it keeps, in bytes."""
+    def arrays(self) -> Mapping[str, np.ndarray]:
+        """Return what it is made of, by the names of its constructor."""
 
     def __call__(
         self, points: np.ndarray, float_type: type | None = None, told: Progress | None = None
     ) -> np.ndarray:
         """Return (p, 3) at points (p, 4); ``told`` hears how many are done."""
+
+
+@dataclass(frozen=True)
+class _Splines:
+    """What a look-up reads, always on the host in float64.
+
+    Attributes:
+        halves: the splines for theta_i <= theta_v and theta_i >= theta_v.
+        low, high, floor: as ``RbfBrdf``.
+    """
+
+    halves: tuple[Spline, Spline]
+    low: np.ndarray
+    high: np.ndarray
+    floor: np.ndarray | None
 
 
 class RbfBrdf(Brdf):
@@ -58,6 +76,9 @@ class RbfBrdf(Brdf):
         name: what reports call it.
     """
 
+    kind = "rbf"
+    in_kernels = False
+
     def __init__(
         self,
         steep_light: Spline,
@@ -68,39 +89,61 @@ class RbfBrdf(Brdf):
         theta_max: float,
         name: str,
     ):
-        self.splines = (steep_light, steep_view)
-        self.low, self.high, self.floor = low, high, floor
-        self.theta_max, self.name = theta_max, name
+        low, high = read_only(low, np.float64), read_only(high, np.float64)
+        floor = None if floor is None else read_only(floor, np.float64)
+        self._splines = _Splines((steep_light, steep_view), low, high, floor)
+        self.theta_max, self.name = float(theta_max), name
         self.reciprocal = steep_light is steep_view
+
+    @property
+    def splines(self) -> tuple[Spline, Spline]:
+        """The splines for theta_i <= theta_v and theta_i >= theta_v."""
+        return self._splines.halves
 
     @property
     def stored_bytes(self) -> int:
         """Size of the nodes and weights, in bytes."""
-        return sum(spline.stored_bytes for spline in set(self.splines))
+        return sum(array.nbytes for s in set(self.splines) for array in s.arrays().values())
 
     def data(self) -> Mapping[str, np.ndarray]:
-        return {}
+        own = self._splines
+        data = {"low": own.low, "high": own.high}
+        if own.floor is not None:
+            data["floor"] = own.floor
+        for half, spline in zip(_HALVES[: 2 - self.reciprocal], own.halves, strict=False):
+            data |= {f"{half}_{name}": array for name, array in spline.arrays().items()}
+        return data
 
-    def prepare(
-        self, data: Mapping[str, Array], differentiable: bool = True
-    ) -> Mapping[str, Array]:
-        raise SimrigError(
-            f"'{self.name}' is too slow to render: tabulate it first (resample_dense, or "
-            "'simrig reconstruct')"
-        )
+    def structure(self) -> dict[str, Any]:
+        return {
+            "theta_max": self.theta_max,
+            "reciprocal": self.reciprocal,
+            "neighbours": getattr(self.splines[0], "neighbours", 0),
+        }
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        active = above_horizon(wi, wv)
+    @classmethod
+    def from_parts(
+        cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
+    ) -> RbfBrdf:
+        made = _splines(structure, data)
+        return cls(*made.halves, made.low, made.high, made.floor, structure["theta_max"], name)
+
+    def on(self, float_type: type) -> Mapping[str, Array]:
+        """Return the data in float64 on the host: whatever asks, a spline cancels in float32."""
+        return super().on(np.ndarray)
+
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _Splines:
+        own = all(data[name] is array for name, array in self.data().items())
+        return self._splines if own else _splines(self.structure(), data)
+
+    def look_up(self, wi: Array, wv: Array, tables: _Splines) -> Array:
         if is_numpy(wi):
-            wi, wv = np.broadcast_arrays(wi, wv)
-            flat = self.values(wi.reshape(-1, 3), wv.reshape(-1, 3))
-            return where_colour(active, flat.reshape(wi.shape))
+            flat = self._evaluate(tables, wi.reshape(-1, 3), wv.reshape(-1, 3))
+            return flat.reshape(wi.shape)
         host = [np.array(w, dtype=np.float64).reshape(3, -1).T for w in (wi, wv)]
         kind = float_type(wi)
-        value = self.values(host[0], host[1], None if kind is float else kind)
-        if kind is float:
-            return where_colour(active, type(wi)(*value[0].tolist()))
-        return where_colour(active, type(wi)(*(kind(channel) for channel in value.T.copy())))
+        value = self._evaluate(tables, host[0], host[1], kind)
+        return vector_type(kind)(*(kind(channel) for channel in value.T.copy()))
 
     def values(
         self,
@@ -121,6 +164,16 @@ class RbfBrdf(Brdf):
             (n, 3) linear RGB in 1/sr; 0 for directions that are not finite. Splines of other
             than three channels (NumPy only) give as many as they have.
         """
+        return self._evaluate(self._splines, wi, wv, float_type, progress)
+
+    def _evaluate(
+        self,
+        splines: _Splines,
+        wi: np.ndarray,
+        wv: np.ndarray,
+        float_type: type | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> np.ndarray:
         known = np.isfinite(wi).all(axis=1) & np.isfinite(wv).all(axis=1)
         wi, wv = (np.where(known[:, None], w, (0.0, 0.0, 1.0)) for w in (wi, wv))
         wi, wv = (limit_theta(w, self.theta_max) for w in (wi, wv))
@@ -128,25 +181,52 @@ class RbfBrdf(Brdf):
         share = np.clip(ahead, 0.0, 1.0)
         parts = [(wi, wv, share), (wv, wi, 1.0 - share)]
         total = sum(int(np.count_nonzero(weight)) for *_, weight in parts)
-        value, done = np.zeros((len(wi), len(self.low))), 0
-        for spline, (steep, flat, weight) in zip(self.splines, parts, strict=True):
+        value, done = np.zeros((len(wi), len(splines.low))), 0
+        for spline, (steep, flat, weight) in zip(splines.halves, parts, strict=True):
             used = weight > 0.0
             points = np.stack(to_onion(steep[used], flat[used]), axis=-1)
             told = None if progress is None else partial(_tell, progress, done, total)
-            found = self._limited(spline(points, float_type, told))
+            found = _limited(splines, spline(points, float_type, told))
             value[used] += weight[used, None] * found
             done += len(points)
         # rounding of the blend must not leave the range either
-        return np.where(known[:, None], np.clip(value, self.low, self.high), 0.0)
+        return np.where(known[:, None], np.clip(value, splines.low, splines.high), 0.0)
 
-    def _limited(self, found: np.ndarray) -> np.ndarray:
-        """Return f_r from what a spline gives, within the samples' range."""
-        found = np.nan_to_num(found, posinf=np.inf, neginf=-np.inf)
-        if self.floor is None:
-            return np.clip(found, self.low, self.high)
-        low, high = np.log(self.low + self.floor), np.log(self.high + self.floor)
-        values = np.exp(np.clip(found, low, high)) - self.floor
-        return np.clip(values, self.low, self.high)
+
+def _splines(structure: Mapping[str, Any], data: Mapping[str, np.ndarray]) -> _Splines:
+    """Return the splines that plain values and arrays describe.
+
+    Raises:
+        SimrigError: arrays that make no spline.
+    """
+    neighbours = int(structure["neighbours"])
+    halves: list[Spline] = []
+    for half in _HALVES[: 1 if structure["reciprocal"] else 2]:
+        parts = {
+            name.removeprefix(f"{half}_"): array
+            for name, array in data.items()
+            if name.startswith(f"{half}_")
+        }
+        halves.append(
+            LocalSplines(**parts, neighbours=neighbours) if neighbours else ThinPlateSpline(**parts)
+        )
+    low, high, floor = data["low"], data["high"], data.get("floor")
+    for spline in halves:
+        arrays = spline.arrays()
+        nodes, values = arrays["nodes"], arrays["values" if neighbours else "weights"]
+        if nodes.shape[1:] != (4,) or not values.shape[1:] == low.shape == high.shape:
+            raise SimrigError("the splines and the range of a BRDF have different dimensions")
+    return _Splines((halves[0], halves[-1]), low, high, floor)
+
+
+def _limited(splines: _Splines, found: np.ndarray) -> np.ndarray:
+    """Return f_r from what a spline gives, within the samples' range."""
+    found = np.nan_to_num(found, posinf=np.inf, neginf=-np.inf)
+    if splines.floor is None:
+        return np.clip(found, splines.low, splines.high)
+    low, high = np.log(splines.low + splines.floor), np.log(splines.high + splines.floor)
+    values = np.exp(np.clip(found, low, high)) - splines.floor
+    return np.clip(values, splines.low, splines.high)
 
 
 def _tell(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:

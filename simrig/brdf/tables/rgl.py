@@ -3,26 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon
-from simrig.brdf.tables.warp2d import cell, distribution, interpolate, invert, single, stack_at
+from simrig.brdf.protocol import Brdf
+from simrig.brdf.tables.warp2d import (
+    Stack,
+    distribution,
+    interpolate,
+    invert,
+    single,
+    stack_at,
+    unit_cell,
+)
 from simrig.core.arrays import (
     Array,
     components,
     gather_colour,
-    is_numpy,
+    multiply_add,
     namespace,
+    read_only,
     scale,
-    to_index,
-    where_colour,
 )
 from simrig.core.errors import SimrigError
 
 # f_r is the stored f_r · cos over the cosine, which is held from below at this value
 _SMALLEST_COSINE = 1e-6
+
+
+@dataclass(frozen=True)
+class _RglTables:
+    ndf: Array
+    sigma: Array
+    vndf: Array
+    vndf_marginal: Array
+    vndf_conditional: Array
+    rgb: Array
 
 
 class RglBrdf(Brdf):
@@ -73,15 +92,16 @@ class RglBrdf(Brdf):
         self.isotropic = len(self.phi_nodes) <= 2
         self.jacobian, self.name = bool(jacobian), name
         density, marginal, conditional = distribution(vndf)
-        self.vndf = np.asarray(vndf)
-        self._tables = {
-            "ndf": np.asarray(ndf),
-            "sigma": np.asarray(sigma),
+        self.vndf = read_only(vndf)
+        arrays = {
+            "ndf": ndf,
+            "sigma": sigma,
             "vndf": density,
             "vndf_marginal": marginal,
             "vndf_conditional": conditional,
-            "rgb": np.asarray(rgb),
+            "rgb": rgb,
         }
+        self._tables = MappingProxyType({name: read_only(a) for name, a in arrays.items()})
 
     @property
     def symmetry(self) -> int:
@@ -94,8 +114,7 @@ class RglBrdf(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return self._tables
 
-    def structure(self) -> dict[str, float | int | str | bool | list]:
-        """Return the plain values that reconstruct the BRDF together with ``data()``."""
+    def structure(self) -> dict[str, Any]:
         return {
             "phi_nodes": list(self.phi_nodes),
             "theta_nodes": list(self.theta_nodes),
@@ -106,7 +125,6 @@ class RglBrdf(Brdf):
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
     ) -> RglBrdf:
-        """Rebuild a BRDF from ``structure()`` and ``data()``."""
         return cls(
             list(structure["phi_nodes"]),
             list(structure["theta_nodes"]),
@@ -118,9 +136,10 @@ class RglBrdf(Brdf):
             name,
         )
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        data = self._data_for(wi, data)
-        active = above_horizon(wi, wv)
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _RglTables:
+        return _RglTables(**data)
+
+    def look_up(self, wi: Array, wv: Array, tables: _RglTables) -> Array:
         light, view = self._fold(components(wi), components(wv))
         xp = namespace(light[0])
         theta, phi = _angles(*view)
@@ -128,22 +147,17 @@ class RglBrdf(Brdf):
         x = theta_to_unit(theta_m)
         y = azimuth_to_unit(phi_m - phi if self.isotropic else phi_m)
         y = y - xp.floor(y)
-        if is_numpy(active):  # a NaN direction must not become an index
-            theta, phi, x, y = (np.nan_to_num(part) for part in (theta, phi, x, y))
         stack = stack_at([(self.phi_nodes, phi), (self.theta_nodes, theta)])
-        tables = self._tables
-        size = tables["vndf"].shape[2:]
-        parts = (data["vndf"], data["vndf_marginal"], data["vndf_conditional"])
-        u, v = invert(*parts, stack, size, x, y)
+        parts = (tables.vndf, tables.vndf_marginal, tables.vndf_conditional)
+        u, v = invert(*parts, stack, self._tables["vndf"].shape[2:], x, y)
         factor = 1.0 / xp.maximum(light[2], _SMALLEST_COSINE)
         if self.jacobian:
             one = single(x)
-            normals = interpolate(data["ndf"], one, tables["ndf"].shape, x, y)
+            normals = interpolate(tables.ndf, one, self._tables["ndf"].shape, x, y)
             unit = (theta_to_unit(theta), azimuth_to_unit(phi))
-            area = interpolate(data["sigma"], one, tables["sigma"].shape, *unit)
+            area = interpolate(tables.sigma, one, self._tables["sigma"].shape, *unit)
             factor = factor * normals / (4.0 * xp.maximum(area, 1e-30))
-        colour = self._colour(data["rgb"], stack, u, v, wi)
-        return where_colour(active, scale(colour, factor))
+        return scale(self._colour(tables.rgb, stack, u, v), factor)
 
     def _fold(self, light: tuple, view: tuple) -> tuple[tuple, tuple]:
         """Turn or mirror a pair so that the view's azimuth is one that has tables."""
@@ -160,11 +174,11 @@ class RglBrdf(Brdf):
             view[2],
         )
 
-    def _colour(self, rgb: Array, stack: list, u: Array, v: Array, like: Array) -> Array:
+    def _colour(self, rgb: Array, stack: Stack, u: Array, v: Array) -> Array:
         rows, columns = self._tables["rgb"].shape[2:4]
-        column, right = cell(u, columns)
-        row, up = cell(v, rows)
-        base = to_index(row * columns + column)
+        column, right = unit_cell(u, columns)
+        row, up = unit_cell(v, rows)
+        base = row * columns + column
         total: Array = None
         for offset, weight in (
             (0, (1.0 - right) * (1.0 - up)),
@@ -174,12 +188,8 @@ class RglBrdf(Brdf):
         ):
             for number, share in stack:
                 index = number * (rows * columns) + base + offset
-                colour = scale(gather_colour(rgb, index, like), weight * share)
-                total = colour if total is None else total + colour
-        if is_numpy(total):
-            return np.maximum(total, 0.0)
-        xp = namespace(total[0])
-        return type(like)(*(xp.maximum(channel, 0.0) for channel in components(total)))
+                total = multiply_add(gather_colour(rgb, index), weight * share, total)
+        return namespace(total).maximum(total, 0.0)
 
 
 def theta_to_unit(theta: Array) -> Array:

@@ -7,15 +7,16 @@ the weights of a spline cancel, and float32 would leave a percent of the value w
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 import drjit as dr
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from simrig.core.arrays import aligned
+from simrig.core.arrays import aligned, read_only
+from simrig.core.errors import SimrigError
 
 _NUMPY_BLOCK = 1 << 22  # kernel values at once (32 MiB)
 _JIT_BLOCK = 1 << 18  # points per kernel launch, so that progress can be told
@@ -42,11 +43,17 @@ class ThinPlateSpline:
     basis: np.ndarray
     polynomial: np.ndarray
 
-    @property
-    def stored_bytes(self) -> int:
-        """Size of nodes, weights and polynomial, in bytes."""
-        parts = (self.nodes, self.weights, self.centre, self.basis, self.polynomial)
-        return sum(part.nbytes for part in parts)
+    def __post_init__(self) -> None:
+        (n, d), (m, c) = self.nodes.shape, self.polynomial.shape
+        shapes = (self.weights.shape, self.centre.shape, self.basis.shape)
+        if shapes != ((n, c), (d,), (m - 1, d)):
+            raise SimrigError(f"weights, centre and basis of shapes {shapes} make no spline")
+        for field in fields(self):
+            object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
+
+    def arrays(self) -> Mapping[str, np.ndarray]:
+        """Return what it is made of."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def __call__(
         self, points: np.ndarray, float_type: type | None = None, told: Progress | None = None

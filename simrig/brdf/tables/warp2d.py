@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from simrig.core.arrays import Array, gather, is_numpy, namespace, to_index
+from simrig.core.arrays import Array, cell, gather, is_numpy, namespace, to_index
 
 Stack = list[tuple[Array, Array]]
 Size = tuple[int, int]  # (height, width)
@@ -60,20 +60,13 @@ def _interval(nodes: Sequence[float], value: Array) -> Stack:
 
 def look_up(table: Array, stack: Stack, size: int, index: Array) -> Array:
     """Return the weighted sum of entry ``index`` of the tables of a stack, of ``size`` each."""
-    table = table.reshape(-1) if is_numpy(table) else table
-    total: Array = None
-    for number, weight in stack:
-        value = gather(table, number * size + index) * weight
-        total = value if total is None else total + value
-    return total
+    flat = table.reshape(-1) if is_numpy(table) else table
+    return sum(gather(flat, number * size + index) * weight for number, weight in stack)
 
 
-def cell(position: Array, count: int) -> tuple[Array, Array]:
-    """Return the cell (as a float) of a position in [0, 1] among ``count`` nodes, and the rest."""
-    xp = namespace(position)
-    scaled = xp.minimum(xp.maximum(position, 0.0), 1.0) * float(count - 1)
-    below = xp.minimum(xp.floor(scaled), count - 2.0)
-    return below, scaled - below
+def unit_cell(position: Array, nodes: int) -> tuple[Array, Array]:
+    """Return the cell of a position in [0, 1] between a number of nodes, and where in the cell."""
+    return cell(namespace(position).clip(position, 0.0, 1.0) * float(nodes - 1), nodes - 1)
 
 
 def corners(
@@ -81,9 +74,9 @@ def corners(
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
     """Return the cell (column, row), the position in it, and its values v00, v10, v01, v11."""
     height, width = size
-    column, right = cell(x, width)
-    row, up = cell(y, height)
-    index = to_index(row * width + column)
+    column, right = unit_cell(x, width)
+    row, up = unit_cell(y, height)
+    index = row * width + column
     values = (look_up(table, stack, height * width, index + o) for o in (0, 1, width, width + 1))
     return (column, row, right, up, *values)
 
@@ -145,20 +138,21 @@ def invert(
     xp = namespace(x)
     start, end = _mix(v00, v01, up), _mix(v10, v11, up)
     n_cells = width - 1
-    base = to_index(row * n_cells)
+    base = row * n_cells
 
     def conditional_at(offset: Array) -> tuple[Array, Array, Array]:
         low = look_up(conditional, stack, height * n_cells, base + offset)
         high = look_up(conditional, stack, height * n_cells, base + offset + n_cells)
         return _mix(low, high, up), low, high
 
-    before = conditional_at(to_index(xp.maximum(column - 1.0, 0.0)))[0]
+    first_column, first_row = column == 0, row == 0
+    before = conditional_at(xp.select(first_column, 0 * column, column - 1))[0]
     whole, low, high = conditional_at(n_cells - 1)
-    u = _segment(right, 1.0 / n_cells, start, end) + xp.select(column > 0.0, before, 0.0)
+    u = _segment(right, 1.0 / n_cells, start, end) + xp.select(first_column, 0.0, before)
     u = u / xp.maximum(whole, _TINY)
     n_rows = height - 1
-    below = look_up(marginal, stack, n_rows, to_index(xp.maximum(row - 1.0, 0.0)))
-    v = _segment(up, 1.0 / n_rows, low, high) + xp.select(row > 0.0, below, 0.0)
+    below = look_up(marginal, stack, n_rows, xp.select(first_row, 0 * row, row - 1))
+    v = _segment(up, 1.0 / n_rows, low, high) + xp.select(first_row, 0.0, below)
     return u, v
 
 

@@ -16,11 +16,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon, evaluate
+from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.resample import (
     is_isotropic,
     resample_dense,
@@ -115,7 +116,7 @@ class ShirleyChiuGrid(Brdf):
         name: what reports call it.
     """
 
-    kind = "shirley_chiu"
+    in_kernels = False
     theta_max = float(np.radians(89.0))
     reciprocal = False
 
@@ -125,8 +126,7 @@ class ShirleyChiuGrid(Brdf):
     def data(self) -> Mapping[str, np.ndarray]:
         return {"values": self.values}
 
-    def eval(self, wi: Array, wv: Array, data: Mapping[str, Array] | None = None) -> Array:
-        wi, wv = np.broadcast_arrays(wi, wv)
+    def look_up(self, wi: Array, wv: Array, tables: Any) -> Array:
         size = self.values.shape[0]
         travel = -wi[..., :2]
         if self.values.ndim == 4:
@@ -142,8 +142,7 @@ class ShirleyChiuGrid(Brdf):
                 *disk_to_square(wv[..., 0], wv[..., 1]),
             ]
         index = tuple(np.clip((p * size).astype(np.int64), 0, size - 1) for p in place)
-        values = self.values[index].astype(np.float64)
-        return np.where(above_horizon(wi, wv)[..., None], values, 0.0)
+        return self.values[index].astype(np.float64)
 
 
 def disk_to_square(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

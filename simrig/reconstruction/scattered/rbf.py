@@ -12,12 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from simrig.brdf.tables.rbf import BAND, Progress, RbfBrdf, Spline
+from simrig.brdf.tables.local_splines import LocalSplines
+from simrig.brdf.tables.rbf import BAND, RbfBrdf, Spline
 from simrig.core.errors import SimrigError
 from simrig.directions.onion import to_onion
 from simrig.directions.spherical import to_vector
@@ -28,7 +28,6 @@ LARGEST_GLOBAL = 24_000  # nodes of one spline: its system takes 8 bytes times t
 NEIGHBOURS = 50
 _SAME = 1e-5  # radians between nodes that are one: 0.0006°, less than any arm repeats
 LOG_FLOOR = 1e-3  # of the median, where logarithms end
-_BLOCK = 20_000  # points that SciPy evaluates at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,60 +180,3 @@ def _merged(points: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     sums = np.stack([np.bincount(number, channel, count) for channel in values.T], axis=-1)
     first = np.unique(group, return_index=True)[1]
     return distinct[first], sums / np.bincount(number, minlength=count)[:, None]
-
-
-class LocalSplines:
-    """For each point the thin-plate spline through its nearest nodes (SciPy).
-
-    Not continuous where the set of neighbours changes. Where neighbours lie in one plane, which
-    leaves the linear terms open, or have a singular system, the kernel r takes over, which needs
-    no linear terms.
-
-    Args:
-        nodes: (n, 4), all different.
-        values: (n, 3).
-        neighbours: at most n.
-    """
-
-    def __init__(self, nodes: np.ndarray, values: np.ndarray, neighbours: int):
-        self.nodes, self.values = nodes, values
-        self.fallbacks = 0
-        degree = 1 if neighbours > nodes.shape[1] else 0
-        self._spline = None
-        if degree:
-            self._spline = RBFInterpolator(nodes, values, neighbors=neighbours, degree=degree)
-        self._fallback = RBFInterpolator(
-            nodes, values, neighbors=neighbours, kernel="linear", degree=0
-        )
-
-    @property
-    def stored_bytes(self) -> int:
-        """Size of nodes and values, in bytes."""
-        return self.nodes.nbytes + self.values.nbytes
-
-    def __call__(
-        self, points: np.ndarray, float_type: type | None = None, told: Progress | None = None
-    ) -> np.ndarray:
-        """Return (p, 3) at points (p, 4), always in float64; ``told`` hears how many are done."""
-        result = np.empty((len(points), 3))
-        for start in range(0, len(points), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            result[part] = self._robust(points[part])
-            if told is not None:
-                told(min(start + _BLOCK, len(points)))
-        return result
-
-    def _robust(self, points: np.ndarray) -> np.ndarray:
-        """Evaluate; split where a system is singular until only its own points fall back."""
-        if self._spline is not None:
-            try:
-                found = np.asarray(self._spline(points))
-                if np.isfinite(found).all():
-                    return found
-            except np.linalg.LinAlgError:
-                pass
-            if len(points) > 1:
-                half = len(points) // 2
-                return np.concatenate([self._robust(points[:half]), self._robust(points[half:])])
-        self.fallbacks += len(points)
-        return np.asarray(self._fallback(points))

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from simrig.brdf.slices.along_highlights import (
+    Slice,
     compressed,
     expanded,
     half_vector_turn,
@@ -21,22 +22,23 @@ from simrig.brdf.slices.along_highlights import (
     shift_strength,
     swept_along_highlights,
 )
+from simrig.brdf.slices.cells import along_slice
 from simrig.brdf.slices.highlight_slices import HighlightSlices
-from simrig.brdf.slices.slices import SliceBrdf, along_slice
-from simrig.core.arrays import Array, float_type, gather_colour, is_numpy, to_device, vector_type
+from simrig.brdf.slices.slices import SliceBrdf
+from simrig.core.arrays import Array
 from simrig.directions import wrap_angle
 from simrig.plans.adaptive import AdaptiveSamples
 from simrig.plans.placement import SubspacePlacement
-from simrig.reconstruction.slices.subspace import Subspace, reconstruct_subspace
+from simrig.reconstruction.slices.subspace import Subspace, reader, reconstruct_subspace
 from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct_slices
 
 
 @dataclass(frozen=True)
 class HighlightSubspace(Subspace):
-    """Reflectance over both azimuths at fixed polar angles, interpolated along highlights.
+    """f_r over both azimuths at fixed polar angles, interpolated along highlights.
 
     Attributes:
-        corners, axial, diagonal: as ``Subspace``.
+        intersections, axial, diagonal: as ``Subspace``.
         theta_i, theta_v: the polar angles in radians.
     """
 
@@ -58,21 +60,17 @@ class HighlightSubspace(Subspace):
     def eval(self, phi_i: Array, phi_v: Array) -> Array:
         """Return f_r for azimuths in radians: NumPy (...,) to (..., 3), or Dr.Jit to a colour."""
         a_n, count = self.axial.shape[0] - 1, self.axial.shape[1]
-        number = float_type(phi_i)
-        like = phi_i if is_numpy(phi_i) else vector_type(number)(0.0)
         sines = np.sin(self.theta_i), np.sin(self.theta_v)
         strength = float(shift_strength(np.float64(self.theta_i), np.float64(self.theta_v)))
 
-        def reader(table: np.ndarray):
-            values = to_device(table, number)
-            return lambda row, place: along_slice(
-                lambda index: gather_colour(values, index, like), row * count, place, count
-            )
+        def slices(table: np.ndarray) -> Slice:
+            read = reader(table, phi_i)
+            return lambda row, place: along_slice(read, row * count, place, count)
 
         def shift(d: Array) -> Array:
             return strength * half_vector_turn(d, *(0.0 * d + s for s in sines))
 
-        axial, diagonal = map(reader, self._compressed)
+        axial, diagonal = map(slices, self._compressed)
         d = 0.5 * wrap_angle(phi_v - phi_i)
         value = swept_along_highlights(axial, diagonal, phi_i + d, d, a_n, shift)
         return expanded(value, self.offset)
@@ -95,10 +93,12 @@ def reconstruct_subspace_along_highlights(
     first = reconstruct(samples)
     offset = offsets(first.axial[:-1], first.diagonal[:-1])
     known = reconstruct(_compressed_samples(samples, offset))
-    corners, axial, diagonal = (
-        _expanded_table(table, offset) for table in (known.corners, known.axial, known.diagonal)
+    intersections, axial, diagonal = (
+        _expanded_table(table, offset)
+        for table in (known.intersections, known.axial, known.diagonal)
     )
-    return HighlightSubspace(corners, axial, diagonal, placement.theta_i, placement.theta_v)
+    theta_i, theta_v = placement.theta_i, placement.theta_v
+    return HighlightSubspace(intersections, axial, diagonal, theta_i, theta_v)
 
 
 def reconstruct_along_highlights(
@@ -131,9 +131,7 @@ def reconstruct_along_highlights(
     name = (
         f"{measurement.material} from {len(measurement.samples.values)} samples, along highlights"
     )
-    horizontal = tables.get("horizontal")
-    axes = tables["corners"], tables["axial"], tables["diagonal"]
-    return HighlightSlices(known.layout, *axes, horizontal, name, offset)
+    return HighlightSlices(known.layout, **tables, name=name, offset=offset)
 
 
 def _compressed_samples(samples: AdaptiveSamples, offset: np.ndarray) -> AdaptiveSamples:

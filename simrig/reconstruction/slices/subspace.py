@@ -6,61 +6,61 @@ the two polar angles: r = max(p + q − c, smallest of the four slice values).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.brdf.slices.slices import along_slice, azimuth_cell
-from simrig.core.arrays import (
-    Array,
-    float_type,
-    gather_colour,
-    is_numpy,
-    lerp,
-    namespace,
-    to_device,
-    vector_type,
-)
+from simrig.brdf.slices.cells import along_slice, azimuth_cell, surface_in_cell
+from simrig.core.arrays import Array, float_type, gather_colour, lerp, namespace, to_device
 from simrig.plans.adaptive import AdaptiveSamples
 from simrig.plans.placement import SubspacePlacement
 from simrig.plans.slices import AXIAL, DIAGONAL
 from simrig.reconstruction.slices.along_slices import SliceInterpolator
-from simrig.reconstruction.slices.tables import fill_rows, padded_corners, pair_rows, slice_numbers
+from simrig.reconstruction.slices.tables import (
+    fill_rows,
+    padded_intersections,
+    pair_rows,
+    slice_numbers,
+)
+
+
+def reader(table: np.ndarray, like: Array) -> Callable[[Array], Array]:
+    """Return the function that reads colours of a table by index, for angles like ``like``."""
+    values = to_device(table, float_type(like))
+    return lambda index: gather_colour(values, index)
 
 
 @dataclass(frozen=True)
 class Subspace:
-    """Reflectance over both azimuths at fixed polar angles.
+    """f_r over both azimuths at fixed polar angles.
 
     Attributes:
-        corners: (a_n + 1, 2·a_n + 1, 3) values at the intersections.
+        intersections: (a_n + 1, 2·a_n + 1, 3) values at the intersections.
         axial, diagonal: (a_n + 1, M, 3) pre-interpolated slices over the mean azimuth and over
             half the azimuth difference.
     """
 
-    corners: np.ndarray
+    intersections: np.ndarray
     axial: np.ndarray
     diagonal: np.ndarray
 
     def eval(self, phi_i: Array, phi_v: Array) -> Array:
         """Return f_r for azimuths in radians: NumPy (...,) to (..., 3), or Dr.Jit to a colour."""
         a_n, count = self.axial.shape[0] - 1, self.axial.shape[1]
-        number = float_type(phi_i)
-        like = phi_i if is_numpy(phi_i) else vector_type(number)(0.0)
-
-        def reader(table: np.ndarray):
-            values = to_device(table, number)
-            return lambda index: gather_colour(values, index, like)
-
-        m, j, y, k, x, b, d = azimuth_cell(phi_i, phi_v, a_n)
-        axial, diagonal, corner = map(reader, (self.axial, self.diagonal, self.corners))
-        p_0, p_1 = (along_slice(axial, (j + step) * count, m, count) for step in (0, 1))
-        q_0, q_1 = (along_slice(diagonal, (b + step) * count, d, count) for step in (0, 1))
-        start = j * (2 * a_n + 1) + k
-        below = start + (2 * a_n + 1)
-        c_0 = lerp(corner(start), corner(start + 1), x)
-        c_1 = lerp(corner(below), corner(below + 1), x)
-        value = lerp(p_0, p_1, y) + lerp(q_0, q_1, x) - lerp(c_0, c_1, y)
+        own = azimuth_cell(phi_i, phi_v, a_n)
+        axial, diagonal, surface = (
+            reader(table, phi_i) for table in (self.axial, self.diagonal, self.intersections)
+        )
+        p_0, p_1 = (
+            along_slice(axial, row * count, own.mean, count) for row in (own.row, own.next_row)
+        )
+        q_0, q_1 = (
+            along_slice(diagonal, (own.diagonal + step) * count, own.along_diagonal, count)
+            for step in (0, 1)
+        )
+        value = lerp(p_0, p_1, own.row_weight) + lerp(q_0, q_1, own.column_weight)
+        value = value - surface_in_cell(surface, 0, own, a_n)
         xp = namespace(value)
         return xp.maximum(value, xp.minimum(xp.minimum(p_0, p_1), xp.minimum(q_0, q_1)))
 
@@ -96,5 +96,5 @@ def reconstruct_subspace(
         fill_rows(interpolate, pair_rows(placement.pair, a_n, number, kind), azimuth, shape)
         for kind in (AXIAL, DIAGONAL)
     )
-    corners = samples.values[padded_corners(placement.corner_samples())]
-    return Subspace(corners, axial, diagonal)
+    intersections = samples.values[padded_intersections(placement.corner_samples())]
+    return Subspace(intersections, axial, diagonal)

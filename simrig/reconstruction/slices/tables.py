@@ -127,13 +127,13 @@ def reconstruct_slices(
     shapes = layout.shapes()
     axial = fill_rows(interpolate, _rows(layout, number, AXIAL), azimuth, shapes["axial"])
     diagonal = fill_rows(interpolate, _rows(layout, number, DIAGONAL), azimuth, shapes["diagonal"])
-    corners = samples.values[_corner_table(placement)]
+    intersections = samples.values[_intersection_table(placement)]
     axial[0], diagonal[0] = samples.values[0], samples.values[0]  # both directions at the pole
     horizontal = None
     if slice_types == "all":
         rows = _horizontal_rows(layout, number)
         horizontal = fill_rows(interpolate, rows, layout.nodes, shapes["horizontal"])
-    return SliceBrdf(layout, corners, axial, diagonal, horizontal, name)
+    return SliceBrdf(layout, intersections, axial, diagonal, horizontal, name)
 
 
 def slice_numbers(slices: Slices) -> dict[tuple[int, ...], int]:
@@ -209,18 +209,18 @@ def _horizontal_rows(layout: SliceLayout, number: dict) -> tuple[np.ndarray, np.
     return np.array(rows), np.zeros(len(rows))
 
 
-def _corner_table(placement: SlicePlacement) -> np.ndarray:
+def _intersection_table(placement: SlicePlacement) -> np.ndarray:
     """Return the sample at every stored intersection, (pairs, a_n + 1, 2·a_n + 1)."""
-    corners = placement.corner_samples()
+    found = placement.corner_samples()
     pairs = [(i, v) for v in range(placement.theta_count) for i in range(v + 1)]
-    return np.stack([padded_corners(corners[i, v]) for i, v in pairs])
+    return np.stack([padded_intersections(found[i, v]) for i, v in pairs])
 
 
-def padded_corners(corners: np.ndarray) -> np.ndarray:
+def padded_intersections(found: np.ndarray) -> np.ndarray:
     """Return the intersections of a subspace with the first row and column repeated at the end.
 
     Beyond the last axial slice the first one continues, half a turn on.
     """
-    a_n, turn = corners.shape
+    a_n, turn = found.shape
     j, k = np.indices((a_n + 1, turn + 1))
-    return corners[np.where(j == a_n, 0, j), np.where(j == a_n, k + a_n, k) % turn]
+    return found[np.where(j == a_n, 0, j), np.where(j == a_n, k + a_n, k) % turn]

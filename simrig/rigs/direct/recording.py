@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.brdf.albedo import directional_albedo
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.core.counter_rng import normals, uniforms
 from simrig.directions import to_vector
@@ -232,7 +231,7 @@ def mirror_gain(brdf: Brdf, angles: np.ndarray, instrument: Instrument) -> np.nd
     if share == 0.0:
         return np.zeros((len(angles), 3))
     theta = np.radians(np.arange(0.0, 90.0, 10.0))
-    table = np.stack([directional_albedo(brdf, t, 0.0, 32, 64) for t in theta])
+    table = np.stack([brdf.directional_albedo(t, 0.0, 32, 64) for t in theta])
     albedo = [
         np.stack([np.interp(angles[:, k], theta, channel) for channel in table.T], axis=-1)
         for k in (0, 1)
