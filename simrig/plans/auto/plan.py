@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Generator
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,14 +17,12 @@ from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_angles
 from simrig.plans.auto.batches import next_batch, travel_order
-from simrig.plans.auto.description import Description, describe
-from simrig.plans.auto.pilot import pilot_pairs
-
-# (m, 4) theta_i, theta_v, phi_i, phi_v in radians -> (m, 3) f_r in 1/sr
-Take = Callable[[np.ndarray], np.ndarray]
+from simrig.plans.auto.description import describe
+from simrig.plans.auto.findings import layout_of
+from simrig.plans.auto.pilot import Pilot, pilot_pairs
 
 LEAST_SAMPLES = 16
-LARGEST_THETA_I, LARGEST_THETA_V = np.radians(88.0), np.radians(85.0)
+LARGEST_THETA_I_DEG, LARGEST_THETA_V_DEG = 88.0, 85.0
 _BATCHES = 6
 _BATCHES_UNTIL = 14  # when the predicted error decides: more, smaller ones
 _CANDIDATES = 16384  # at least, and per sample:
@@ -32,22 +30,9 @@ _CANDIDATES_PER_SAMPLE = 4
 _EVEN = {True: 0.1, False: 0.5}  # of the candidates, isotropic or not
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
 _CLEARLY = 0.9  # another symmetry must predict this much better
-_SURE = 0.01
 
-
-@dataclass(frozen=True, eq=False)
-class AutomaticSamples:
-    """What the plan measured.
-
-    Attributes:
-        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians, in the order of measurement.
-        values: (n, 3) f_r in 1/sr.
-        found: plain values: description, symmetry, why, batches, predicted ΔE.
-    """
-
-    angles: np.ndarray
-    values: np.ndarray
-    found: dict[str, Any]
+# yields (n, 4) theta_i, theta_v, phi_i, phi_v in radians, and is sent (n, 3) values of f_r
+Asked = Generator[np.ndarray, np.ndarray, KrigingModel]
 
 
 @dataclass(frozen=True)
@@ -56,21 +41,21 @@ class AutomaticPlan:
 
     Attributes:
         samples: the most that are taken.
-        theta_i_max, theta_v_max: how far the rig may look, radians.
+        theta_i_max, theta_v_max: how far the rig looks, radians.
         until: predicted ΔE at which to stop before; None takes all samples.
-        symmetry: taken as given instead of what the pilot says.
         seed: of the directions.
+        assumed: a symmetry that is taken as given, in the place of what the pilot says.
 
     Raises:
-        SimrigError: too few samples, or a goal that is no positive number.
+        SimrigError: too few samples, or numbers that cannot be.
     """
 
     samples: int
-    theta_i_max: float = float(LARGEST_THETA_I)
-    theta_v_max: float = float(LARGEST_THETA_V)
+    theta_i_max: float = float(np.radians(LARGEST_THETA_I_DEG))
+    theta_v_max: float = float(np.radians(LARGEST_THETA_V_DEG))
     until: float | None = None
-    symmetry: Symmetry | None = None
     seed: int = 0
+    assumed: Symmetry | None = None
 
     def __post_init__(self) -> None:
         if self.samples < LEAST_SAMPLES:
@@ -86,8 +71,8 @@ class AutomaticPlan:
 
     def within(self, theta_max: float) -> AutomaticPlan:
         """Return the plan for a material or an instrument that ends at ``theta_max``, radians."""
-        theta_i, theta_v = (min(t, theta_max) for t in (self.theta_i_max, self.theta_v_max))
-        return AutomaticPlan(self.samples, theta_i, theta_v, self.until, self.symmetry, self.seed)
+        reach = [min(theta, theta_max) for theta in (self.theta_i_max, self.theta_v_max)]
+        return AutomaticPlan(self.samples, *reach, self.until, self.seed, self.assumed)
 
     def describe(self) -> str:
         """Return the plan in words."""
@@ -95,74 +80,77 @@ class AutomaticPlan:
         goal = "" if self.until is None else f", until ΔE = {self.until:g} is predicted"
         return f"automatic, theta_i to {i:.3g}°, theta_v to {v:.3g}°{goal}"
 
-    def run(self, take: Take) -> AutomaticSamples:
-        """Measure.
+    def settings(self) -> dict[str, Any]:
+        """Return plain values from which the plan is restored."""
+        return asdict(self)
 
-        Args:
-            take: measures directions; the same directions must give the same values.
+    def pilot(self) -> Pilot:
+        """Return the pilot in the order of measurement."""
+        return pilot_pairs(self.samples, self.theta_i_max, self.theta_v_max, self.seed)
+
+    def batches(self) -> Generator[np.ndarray, Any, dict[str, np.ndarray]]:
+        """Yield the pilot, then batch after batch where errors would show.
+
+        Yields (n, 4) angles, is sent what has ``values`` (n, 3), and returns what was found (see
+        ``simrig.plans.auto.findings``).
         """
-        return _Run(self, take).result()
+        work = _Run(self)
+        asked = work.asked()
+        values: Any = None
+        while True:
+            try:
+                angles = asked.send(values)
+            except StopIteration:
+                return layout_of(work.symmetries, work.predictions)
+            values = (yield angles).values
 
 
 @dataclass
 class _Run:
-    """One measurement under way."""
+    """One measurement under way.
+
+    Attributes:
+        plan: that is carried out.
+        symmetries: how many samples there were when each was taken.
+        predictions: ΔE that was predicted with so many samples.
+    """
 
     plan: AutomaticPlan
-    take: Take
-    angles: list[np.ndarray] = field(default_factory=list)
-    values: list[np.ndarray] = field(default_factory=list)
-    batches: list[dict[str, Any]] = field(default_factory=list)
-    why: list[str] = field(default_factory=list)
+    symmetries: list[tuple[int, Symmetry]] = field(default_factory=list)
+    predictions: list[tuple[int, float]] = field(default_factory=list)
 
-    def result(self) -> AutomaticSamples:
+    def asked(self) -> Asked:
         plan = self.plan
-        pilot = pilot_pairs(plan.samples, plan.theta_i_max, plan.theta_v_max, plan.seed)
-        order = travel_order(pilot.wi, pilot.wv)
-        values = np.empty((len(pilot.wi), 3))
-        values[order] = self._measured(pilot.wi[order], pilot.wv[order])
-        description = describe(pilot, values)
-        symmetry = plan.symmetry or description.symmetry
-        said = "given" if plan.symmetry else "by the pilot"
-        self.why.append(f"{symmetry.describe()} ({said})")
+        pilot = plan.pilot()
+        values = yield _angles(pilot.wi, pilot.wv)
+        symmetry = plan.assumed or describe(pilot, values).symmetry
+        self.symmetries.append((len(values), symmetry))
         samples = Samples(pilot.wi, pilot.wv, values, plan.theta_i_max, plan.theta_v_max)
         model = fit_model(samples, symmetry, evaluations=200)
         count = _BATCHES if plan.until is None else _BATCHES_UNTIL
         ends = np.geomspace(len(samples), plan.samples, count + 1).round().astype(int)[1:]
         for number, end in enumerate(ends):
             if plan.until is not None and self._predicted(model) <= plan.until:
-                break
-            model = self._one_batch(model, int(end), number)
-            if number in _LOOKS_BACK and plan.symmetry is None:
+                return model
+            wanted = int(end) - len(model.samples)
+            if wanted <= 0:
+                continue
+            wi, wv = self._batch(model, wanted, number)
+            more = model.samples.with_more(wi, wv, (yield _angles(wi, wv)))
+            model = fit_model(more, model.symmetry, model.parameters, evaluations=100)
+            if number in _LOOKS_BACK and plan.assumed is None:
                 model = self._looked_back(model)
-        predicted = self._predicted(model)
-        return AutomaticSamples(
-            np.concatenate(self.angles),
-            np.concatenate(self.values),
-            self._found(model, description, predicted),
-        )
+        self._predicted(model)
+        return model
 
-    def _measured(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
-        (theta_i, phi_i), (theta_v, phi_v) = to_angles(wi), to_angles(wv)
-        angles = np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
-        values = self.take(angles)
-        self.angles.append(angles)
-        self.values.append(values)
-        return values
-
-    def _one_batch(self, model: KrigingModel, end: int, number: int) -> KrigingModel:
-        """Measure until there are ``end`` samples and fit the model again."""
-        samples = model.samples
-        wanted = end - len(samples)
-        if wanted <= 0:
-            return model
+    def _batch(
+        self, model: KrigingModel, wanted: int, number: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         wi, wv = self._candidates(model.symmetry, number)
         angles = half_difference_angles(wi, wv, model.symmetry.axis)
         chosen = next_batch(model, angles, np.ones(len(wi), dtype=bool), wanted)
         chosen = chosen[travel_order(wi[chosen], wv[chosen])]
-        values = self._measured(wi[chosen], wv[chosen])
-        more = samples.with_more(wi[chosen], wv[chosen], values)
-        return fit_model(more, model.symmetry, model.parameters, evaluations=100)
+        return wi[chosen], wv[chosen]
 
     def _candidates(self, symmetry: Symmetry, number: int) -> tuple[np.ndarray, np.ndarray]:
         plan = self.plan
@@ -190,26 +178,19 @@ class _Run:
             if error < _CLEARLY * least:
                 best, least = other, error
         if best is not model:
-            self.why.append(
-                f"{best.symmetry.describe()} (left-out samples of {len(model.samples)} contradict)"
-            )
+            self.symmetries.append((len(model.samples), best.symmetry))
         return best
 
     def _predicted(self, model: KrigingModel) -> float:
         predicted = predicted_delta_e(model)
-        self.batches.append({"samples": len(model.samples), "predicted_delta_e": predicted})
+        self.predictions.append((len(model.samples), predicted))
         return predicted
 
-    def _found(
-        self, model: KrigingModel, description: Description, predicted: float
-    ) -> dict[str, Any]:
-        return {
-            "description": description.as_dict(),
-            "symmetry": model.symmetry.as_dict(),
-            "why": "; then ".join(self.why),
-            "batches": self.batches,
-            "predicted_delta_e": predicted,
-        }
+
+def _angles(wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
+    """Return theta_i, theta_v, phi_i, phi_v in radians, (n, 4)."""
+    (theta_i, phi_i), (theta_v, phi_v) = to_angles(wi), to_angles(wv)
+    return np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
 
 
 def _alternatives(symmetry: Symmetry) -> list[Symmetry]:
