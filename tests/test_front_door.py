@@ -203,3 +203,20 @@ def test_results_are_numpy_arrays(btf: sr.Btf) -> None:
     assert np.ptp(grid) == 0.0
     found = sr.compare("lambert", "ward", step_deg=20)
     np.testing.assert_array_equal(np.asarray(found), [found.mre, found.rmse, found.log_psnr])
+
+
+def test_the_automatic_plan_measures_and_its_file_is_reconstructed(tmp_path: Path) -> None:
+    satin = sr.load("purple_satin")
+    scan = sr.measure(satin, samples=300, plan="auto", tolerance=None)
+    path = sr.save(scan, tmp_path / "scan.h5")
+    ours = sr.reconstruct(path)
+    direction = np.array([[0.3, 0.1, 0.8], [0.1, -0.5, 0.6]])
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    truth = satin.eval(direction, direction[::-1])
+    assert ours.eval(direction, direction[::-1]) == pytest.approx(truth, rel=0.1)
+    with pytest.raises(SimrigError, match="along slices"):
+        sr.reconstruct(scan, "slices")
+    with pytest.raises(SimrigError, match="plan"):
+        sr.measure(satin, plan="autto")
+    with pytest.raises(SimrigError, match="until"):
+        sr.measure(satin, until=1.0)

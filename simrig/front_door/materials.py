@@ -19,6 +19,7 @@ from simrig.mesostructure import PRESETS, Tile, build_tile
 
 if TYPE_CHECKING:
     from simrig.rendering.render import RenderResult
+    from simrig.rigs.measurements.directions import DirectionsMeasurement
     from simrig.rigs.measurements.slices import Measurement
 
 
@@ -36,7 +37,7 @@ def materials() -> dict[str, str]:
 
 def load(
     source: str | Path, *, clamp_negative: bool = False
-) -> Brdf | BtfStack | Tile | Measurement:
+) -> Brdf | BtfStack | Tile | Measurement | DirectionsMeasurement:
     """Return a material or a measurement.
 
     Args:
@@ -72,19 +73,22 @@ def _is_hdf5(path: Path) -> bool:
         return file.read(len(hdf5.MAGIC)) == hdf5.MAGIC
 
 
-def load_measurement(path: Path) -> Measurement:
-    """Read a measurement.
+def load_measurement(path: Path) -> Measurement | DirectionsMeasurement:
+    """Read a measurement along slices or of listed directions.
 
     Raises:
         SimrigError: not a measurement, or a damaged one.
     """
+    from simrig.rigs.measurements.directions import CONTENT, DirectionsMeasurement
     from simrig.rigs.measurements.slices import Measurement
 
+    if hdf5.content_of(path) == CONTENT:
+        return DirectionsMeasurement.load(path)
     return Measurement.load(path)
 
 
 def save(
-    item: Brdf | BtfStack | Measurement | RenderResult | np.ndarray,
+    item: Brdf | BtfStack | Measurement | DirectionsMeasurement | RenderResult | np.ndarray,
     path: str | Path,
     *,
     format: str | None = None,

@@ -17,6 +17,7 @@ from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
 from simrig.directions.spherical import to_vector
+from simrig.plans.auto.findings import findings_of, has_findings
 from simrig.reconstruction.scattered.by_name import Reconstructed
 
 _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 600_000  # at most
@@ -49,23 +50,22 @@ def reconstruct_kriging(measurement: AnyMeasurement) -> Reconstructed:
     """Return the table that kriging makes of a measurement.
 
     Args:
-        measurement: samples at any directions; ``provenance["found"]["symmetry"]`` is what its
-            plan found.
+        measurement: samples at any directions; ``provenance["found"]`` is what its plan found.
 
     Raises:
         SimrigError: fewer than two samples.
     """
     samples = samples_of(measurement)
-    found = measurement.provenance.get("found")
-    if found:
-        model = fit_model(samples, Symmetry.from_dict(found["symmetry"]), final=True)
-        said = found.get("why", "")
+    found = {k: np.array(v) for k, v in measurement.provenance.get("found", {}).items()}
+    if has_findings(found):
+        findings = findings_of(found)
+        model = fit_model(samples, findings.symmetry, final=True)
+        said = (findings.why(), f"predicted ΔE {findings.predicted_delta_e:.2g}")
     else:
         model = choose_model(samples, final=True)
-        said = "symmetries by left-out samples"
+        said = (f"{model.symmetry.describe()} (by left-out samples)",)
     table = tabulated(model, measurement.material)
-    notes = (model.symmetry.describe(), *([said] if said else []), nodes_in_words(table))
-    return Reconstructed(table, table.stored_bytes, notes)
+    return Reconstructed(table, table.stored_bytes, (*said, nodes_in_words(table)))
 
 
 def samples_of(measurement: AnyMeasurement) -> Samples:

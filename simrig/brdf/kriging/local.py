@@ -2,8 +2,7 @@
 
 The covariance is Matérn's with smoothness 5/2 at unit length: features are scaled before. Ordinary
 kriging knows no mean; its weights sum to one, so that far from all samples it returns an average
-of the nearest. Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006
-(eqs. 2.25 and 4.17); Cressie, Statistics for Spatial Data, 1993 (section 3.2).
+of the nearest. Source: [RW06] (eqs. 2.25 and 4.17), [Cre93] (section 3.2).
 """
 
 from __future__ import annotations

@@ -166,8 +166,8 @@ def fit_model(
 ) -> KrigingModel:
     """Return the model whose parameters predict left-out samples best.
 
-    The criterion is the pseudo-likelihood of left-out samples (Rasmussen and Williams 2006, eq.
-    5.11) with a prior; the deviation of each channel is that of its residuals.
+    The criterion is the pseudo-likelihood of left-out samples ([RW06], eq. 5.11) with a prior; the
+    deviation of each channel is that of its residuals.
 
     Args:
         samples: at least two.

@@ -1,4 +1,4 @@
-"""What an automatic plan found, as arrays that a measurement keeps and as words that people read."""
+"""What an automatic plan found: arrays that a measurement keeps, and words for people."""
 
 from __future__ import annotations
 

@@ -26,6 +26,15 @@ from simrig.rigs.measurements.slices import Measurement, fingerprint
 from simrig.rigs.timing import UTIA_TIMING, GonioreflectometerTiming
 
 REACH_TOLERANCE = 1e-6  # radians; files often hold angles as float32
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What is sent back to a plan: (n, 3) values of f_r in 1/sr."""
+
+    values: np.ndarray
+
+
 Progress = Callable[[int, int], None]  # samples done, samples in total
 
 
@@ -303,21 +312,34 @@ class Gonioreflectometer:
         """
         plan = plan.within(brdf.theta_max)
         setting = {
-            **asdict(plan),
+            **plan.settings(),
             "plan": plan.describe(),
             "material": fingerprint(brdf),
             **self._conditions(),
         }
         log = ReplayLog(checkpoint, setting)
         take = self._taker(brdf, log, plan.samples, progress)
-        elapsed = stopwatch()
         chunk = max(512, plan.samples // 50)
-        found = plan.run(lambda angles: log.measure(angles, take, chunk))
+        elapsed = stopwatch()
+        asked, recorded = [], []
+        work, sent = plan.batches(), None
+        while True:
+            try:
+                angles = work.send(sent)
+            except StopIteration as end:
+                layout = end.value
+                break
+            asked.append(angles)
+            recorded.append(log.measure(angles, take, chunk))
+            sent = Recorded(recorded[-1])
         seconds = elapsed()
         log.remove()
-        provenance = {**self._provenance(plan.describe(), setting), "found": found.found}
-        cost = self._cost(len(found.values), seconds, adaptive=True)
-        return DirectionsMeasurement(found.angles, found.values, brdf.name, cost, provenance)
+        found = {name: array.tolist() for name, array in layout.items()}
+        provenance = {**self._provenance(plan.describe(), setting), "found": found}
+        every = np.concatenate(asked)
+        cost = self._cost(len(every), seconds, adaptive=True)
+        values = np.concatenate(recorded)
+        return DirectionsMeasurement(every, values, brdf.name, cost, provenance)
 
     def _taker(
         self, brdf: Brdf, log: ReplayLog, total: int, progress: Progress | None

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from simrig.brdf.kriging.displayed import displayed_pairs
 from simrig.brdf.protocol import Brdf
 from simrig.core.effects import Overrides, Plan, Tolerance
+from simrig.directions.spherical import to_angles
+from simrig.plans.auto.plan import AutomaticPlan
 from simrig.plans.placement import SlicePlacement, optimal_placement
 from simrig.rigs.direct.effects import plan_directions
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 _MOST_PROBED = 10_000  # samples of the measurement that finds the directions
+_SHOWN = 512
 
 
 def plan_rig(
@@ -50,6 +56,33 @@ def plan_rig(
     )
     angles = found.samples.angles
     return plan_directions(brdf, rig.instrument, tolerance, angles, overrides, samples)
+
+
+def plan_automatic(
+    brdf: Brdf,
+    rig: Gonioreflectometer,
+    tolerance: Tolerance,
+    plan: AutomaticPlan,
+    overrides: Overrides | None = None,
+) -> Plan:
+    """Decide which effects a measurement by the automatic plan simulates.
+
+    The bounds are computed at the plan's pilot, half of which is dense in highlights, and at pairs
+    of directions that pictures show, from which its batches are taken.
+
+    Args:
+        brdf, rig, tolerance, overrides: as ``plan_rig``.
+        plan: where to measure, within the reach of the material.
+
+    Raises:
+        SimrigError: overrides that name an unknown effect.
+    """
+    pilot = plan.pilot()
+    shown = displayed_pairs(_SHOWN, plan.theta_i_max, plan.theta_v_max)
+    sides = (np.concatenate(pair) for pair in zip((pilot.wi, pilot.wv), shown, strict=True))
+    (theta_i, phi_i), (theta_v, phi_v) = (to_angles(side) for side in sides)
+    angles = np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
+    return plan_directions(brdf, rig.instrument, tolerance, angles, overrides, plan.samples)
 
 
 def with_plan(rig: Gonioreflectometer, plan: Plan) -> Gonioreflectometer:
