@@ -60,10 +60,10 @@ def reconstruct_kriging(measurement: AnyMeasurement) -> Reconstructed:
     if has_findings(found):
         findings = findings_of(found)
         model = fit_model(samples, findings.symmetry, final=True)
-        said = (findings.why(), f"predicted ΔE {findings.predicted_delta_e:.2g}")
+        said = [findings.why(), f"predicted ΔE {findings.predicted_delta_e:.2g}"]
     else:
         model = choose_model(samples, final=True)
-        said = (f"{model.symmetry.describe()} (by left-out samples)",)
+        said = [f"{model.symmetry.describe()} (by left-out samples)"]
     table = tabulated(model, measurement.material)
     return Reconstructed(table, table.stored_bytes, (*said, nodes_in_words(table)))
 

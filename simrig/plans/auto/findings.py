@@ -73,7 +73,7 @@ def findings_of(layout: Mapping[str, np.ndarray]) -> Findings:
     if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(predictions))):
         raise SimrigError("what its plan found is not finite")
     symmetries = tuple(
-        (int(row[0]), Symmetry(*(bool(flag) for flag in row[1:-1]), axis=float(row[-1])))
+        (int(row[0]), Symmetry(*map(bool, row[1:-1]), float(row[-1])))  # type: ignore[arg-type]
         for row in rows
     )
     return Findings(symmetries, tuple((int(n), float(error)) for n, error in predictions))

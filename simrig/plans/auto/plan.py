@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -71,8 +71,11 @@ class AutomaticPlan:
 
     def within(self, theta_max: float) -> AutomaticPlan:
         """Return the plan for a material or an instrument that ends at ``theta_max``, radians."""
-        reach = [min(theta, theta_max) for theta in (self.theta_i_max, self.theta_v_max)]
-        return AutomaticPlan(self.samples, *reach, self.until, self.seed, self.assumed)
+        return replace(
+            self,
+            theta_i_max=min(self.theta_i_max, theta_max),
+            theta_v_max=min(self.theta_v_max, theta_max),
+        )
 
     def describe(self) -> str:
         """Return the plan in words."""
