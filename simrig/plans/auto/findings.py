@@ -72,11 +72,11 @@ def findings_of(layout: Mapping[str, np.ndarray]) -> Findings:
         raise SimrigError("it does not say which errors its plan predicted")
     if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(predictions))):
         raise SimrigError("what its plan found is not finite")
-    symmetries = tuple(
-        (int(row[0]), Symmetry(*map(bool, row[1:-1]), float(row[-1])))  # type: ignore[arg-type]
-        for row in rows
-    )
-    return Findings(symmetries, tuple((int(n), float(error)) for n, error in predictions))
+    symmetries = []
+    for count, *flags, axis in rows.tolist():
+        held = {name: bool(flag) for name, flag in zip(_FLAGS, flags, strict=True)}
+        symmetries.append((int(count), Symmetry(**held, axis=axis)))
+    return Findings(tuple(symmetries), tuple((int(n), float(error)) for n, error in predictions))
 
 
 def has_findings(layout: Mapping[str, np.ndarray]) -> bool:
