@@ -22,7 +22,7 @@ _HOME = {
     "Brdf": "simrig.brdf.protocol",
     "Btf": "simrig.btf.stack",
     "Cost": "simrig.core.cost",
-    "Measurement": "simrig.rigs.measurements.slices",
+    "Measurement": "simrig.rigs.measurements.measurement",
     "SimrigError": "simrig.core.errors",
     "average": "simrig.front_door.materials",
     "compare": "simrig.front_door.comparing",

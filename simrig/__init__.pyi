@@ -17,7 +17,7 @@ from simrig.front_door.pictures import scene as scene
 from simrig.front_door.seeing import critical_distance as critical_distance
 from simrig.front_door.studies import pareto as pareto
 from simrig.front_door.studies import study as study
-from simrig.rigs.measurements.slices import Measurement as Measurement
+from simrig.rigs.measurements.measurement import Measurement as Measurement
 
 __version__: str
 __all__ = [

@@ -1,37 +1,42 @@
-"""The methods by name: how each measures a material, and the BRDF that it makes of that.
+"""The methods by name: which measurements each takes, and the BRDF that it makes of one.
 
-Studies and plots run any of them alike. A method asks the rig for its own plan; where it cannot
-take exactly the samples that were wished, it takes the most that its plans allow below, and says
-how many. The methods themselves are in ``simrig.reconstruction`` and never see the truth.
+A method sees the measurement and never the truth. It also has a plan and a rig of its own, those
+that it was made for, so that studies and plots run any of them alike (``Method.run``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from types import MappingProxyType
-
-import numpy as np
+from typing import Any
 
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.slices.slices import SliceBrdf
-from simrig.core.cost import Cost, stopwatch
+from simrig.brdf.tables.resample import resample_dense
+from simrig.core import backend
+from simrig.core.cost import stopwatch
+from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError, unknown_name
-from simrig.directions.schemes import HemisphereScheme
-from simrig.plans.auto.plan import LEAST_SAMPLES, AutomaticPlan
-from simrig.plans.gantry import gantry_plan
-from simrig.plans.placement import optimal_placement
-from simrig.plans.uniform import largest_uniform_scheme, uniform_plan
+from simrig.core.options import Option, checked_options
+from simrig.plans.auto.plan import LEAST_SAMPLES
+from simrig.plans.protocol import Plan
+from simrig.plans.registry import PLANS, plan_type
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.reconstruction.kriging import reconstruct_kriging
-from simrig.reconstruction.scattered.by_name import Reconstructed, reconstruct_by_name
+from simrig.reconstruction.result import Reconstructed as Reconstructed
+from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
+from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
+from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
+from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
-from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct
-from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer, Progress
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.gantry.rig import Gantry
-
-LARGEST_THETA_DEG = 80.0  # that of the thesis; real arms do not reach much further
+from simrig.rigs.measurements.measurement import Measurement
+from simrig.rigs.protocol import Progress, Rig
+from simrig.rigs.registry import RIGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +50,7 @@ class MethodResult:
         sampling_seconds: time of computing while measuring.
         reconstruction_seconds: time from the samples to the BRDF.
         bytes: storage of the result.
-        notes: what a reader must know: condition numbers, fall-backs, assumptions.
+        notes: what a reader must know: the plan, condition numbers, fall-backs, assumptions.
     """
 
     brdf: Brdf
@@ -59,19 +64,118 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class Method:
-    """A way from a material to its reconstruction.
+    """A way from a measurement to a BRDF.
 
     Attributes:
-        name: its key in ``METHODS``.
+        name: its key in ``METHODS``, lower case with hyphens.
         about: one line.
-        run: ``run(rig, brdf, samples, progress=None)`` measures and reconstructs.
-        least_samples: fewer than these are refused.
+        make: ``make(measurement, **options)``.
+        plan_name: of the plan that it was made for, a key of ``PLANS``.
+        least_samples: of that plan; fewer are refused.
+        plan_options: of that plan.
+        any_plan: whether it takes measurements by any plan, or by its own alone.
+        rig: name of the rig that it was made for.
+        options: what ``make`` takes.
+        to_store: options with which the result can be stored, where without them it cannot.
     """
 
     name: str
     about: str
-    run: Callable[..., MethodResult]
+    make: Callable[..., Reconstructed]
+    plan_name: str
     least_samples: int
+    plan_options: Mapping[str, Any] = field(default_factory=dict)
+    any_plan: bool = False
+    rig: str = Gonioreflectometer.name
+    options: tuple[Option, ...] = ()
+    to_store: Mapping[str, Any] = field(default_factory=dict)
+
+    def check(self, measurement: Measurement) -> None:
+        """Raise SimrigError for a measurement by a plan that the method cannot use."""
+        found = measurement.plan.name
+        if self.any_plan or found == self.plan_name:
+            return
+        fitting = [m.name for m in METHODS.values() if m.any_plan or m.plan_name == found]
+        raise SimrigError(
+            f"{self.name} needs a measurement by plan '{self.plan_name}', this one is by plan "
+            f"'{found}': use {', '.join(fitting[:-1])} or {fitting[-1]}"
+        )
+
+    def plan(self, material: Brdf | None, samples: int, **options: Any) -> Plan:
+        """Return the method's own plan.
+
+        Args:
+            material: what will be measured.
+            samples: at most so many, as near as the plan can.
+            options: of the plan; None is: not given.
+
+        Raises:
+            SimrigError: too few samples, or options that cannot be.
+        """
+        kind = plan_type(self.plan_name)
+        given = {"samples": samples, **options}
+        checked = checked_options(kind, given, PLANS.values(), "plan")
+        return kind.for_material(material, **{**checked, **self.plan_options})
+
+    def reconstruct(
+        self, measurement: Measurement, progress: Progress | None = None, **options: Any
+    ) -> Reconstructed:
+        """Return what the method makes of a measurement.
+
+        Args:
+            measurement: the samples.
+            progress: called with the steps done and in total, by methods that take long.
+            options: see ``options``; None is: not given.
+
+        Raises:
+            SimrigError: a measurement that the method cannot use, or an option that it does not
+                have.
+        """
+        self.check(measurement)
+        given = checked_options(self, options, METHODS.values(), "method")
+        return self.make(measurement, progress=progress, **given)
+
+    def run(
+        self,
+        material: Brdf,
+        samples: int,
+        rigs: Iterable[Rig] = (),
+        tolerance: Tolerance | None = None,
+        progress: Progress | None = None,
+    ) -> MethodResult:
+        """Measure a material by the method's own plan and reconstruct it.
+
+        Where the plan cannot take exactly the samples that were wished, it takes the most that it
+        can below.
+
+        Args:
+            material: the truth, which the reconstruction does not see.
+            samples: that are wished.
+            rigs: in the place of those that come with simrig, for the methods made for them.
+            tolerance: chooses the effects that the rig simulates, if it can; none unless given.
+            progress: called with the number of samples done and in total.
+
+        Raises:
+            SimrigError: too few samples, or what the rig refuses.
+        """
+        rig = next((r for r in rigs if r.name == self.rig), None) or RIGS[self.rig]()
+        plan = self.plan(material, samples)
+        allowed = tolerance if rig.effect_names else None
+        measurement = rig.measure(material, plan, tolerance=allowed, progress=progress)
+        elapsed = stopwatch()
+        made = self.reconstruct(measurement)
+        seconds = elapsed()
+        notes = (plan.describe(), *_assumed(material, plan), *made.notes)
+        cost = measurement.cost
+        return MethodResult(
+            brdf=made.brdf,
+            samples=cost.samples,
+            hardware_seconds=cost.hardware_seconds,
+            sampling_seconds=cost.compute_seconds,
+            reconstruction_seconds=seconds,
+            bytes=made.bytes,
+            notes=notes,
+        )
 
 
 def method(name: str) -> Method:
@@ -85,185 +189,209 @@ def method(name: str) -> Method:
     return METHODS[name]
 
 
-def reconstructed(
-    cost: Cost, reconstruct: Callable[[], Reconstructed], *notes: str
-) -> MethodResult:
-    """Time a reconstruction and return it with the cost of its measurement.
-
-    Args:
-        cost: of the measurement.
-        reconstruct: makes the BRDF.
-        notes: said before those of the reconstruction.
-    """
-    elapsed = stopwatch()
-    made = reconstruct()
-    return MethodResult(
-        brdf=made.brdf,
-        samples=cost.samples,
-        hardware_seconds=cost.hardware_seconds,
-        sampling_seconds=cost.compute_seconds,
-        reconstruction_seconds=elapsed(),
-        bytes=made.bytes,
-        notes=(*notes, *made.notes),
-    )
+def method_for(measurement: Measurement) -> Method:
+    """Return the first method that was made for measurements by such a plan, else barycentric."""
+    own = (m for m in METHODS.values() if m.plan_name == measurement.plan.name)
+    return next(own, METHODS[_ANY_DIRECTIONS])
 
 
-def _slices(
-    slice_types: str,
-    reconstruct_from: Callable[[SliceMeasurement], SliceBrdf],
-    rig: Gonioreflectometer,
-    brdf: Brdf,
-    samples: int,
-    progress: Progress | None = None,
-) -> MethodResult:
-    placement = optimal_placement(samples, _theta_max_deg(brdf))
-    measurement = rig.measure(brdf, placement, samples, slice_types=slice_types, progress=progress)
-
-    def reconstruct() -> Reconstructed:
-        result = reconstruct_from(measurement)
-        return Reconstructed(result, result.stored_bytes)
-
-    return reconstructed(measurement.cost, reconstruct, placement.describe(), *_assumed(brdf))
-
-
-def _on_scheme(
-    name: str,
-    plan: Callable[[int, Brdf], HemisphereScheme],
-    rig: Gonioreflectometer,
-    brdf: Brdf,
-    samples: int,
-    progress: Progress | None = None,
-) -> MethodResult:
-    scheme = plan(samples, brdf)
-    measurement = rig.measure_scheme(brdf, scheme, reciprocal=True, progress=progress)
-    return reconstructed(
-        measurement.cost,
-        partial(reconstruct_by_name, name, measurement),
-        f"{scheme.name}, {len(scheme)} directions",
-        *_assumed(brdf),
-    )
-
-
-def _uniform(samples: int, brdf: Brdf) -> HemisphereScheme:
-    """Return the densest uniform scheme; its rings must lie within the data."""
-    scheme = largest_uniform_scheme(samples)
-    if scheme.theta.max() > brdf.theta_max + 1e-6:
-        raise SimrigError(
-            f"'{brdf.name}' has data up to {np.degrees(brdf.theta_max):g}° only; "
-            f"the uniform schemes reach {LARGEST_THETA_DEG:g}°: use regular_grid or slices"
-        )
-    return scheme
-
-
-def _regular(samples: int, brdf: Brdf) -> HemisphereScheme:
-    theta_max = float(np.radians(_theta_max_deg(brdf)))
-    return uniform_plan(samples, theta_max).scheme()
-
-
-def _theta_max_deg(brdf: Brdf) -> float:
-    """Return 80, or where the data end earlier, that rounded down to whole degrees."""
-    data_end = float(np.degrees(brdf.theta_max))
-    return min(LARGEST_THETA_DEG, float(np.floor(data_end + 5e-5)))
-
-
-def _assumed(brdf: Brdf) -> tuple[str, ...]:
-    if brdf.reciprocal:
+def _assumed(material: Brdf, plan: Plan) -> tuple[str, ...]:
+    if material.reciprocal or not plan.one_order:
         return ()
     return ("not reciprocal: only theta_i <= theta_v was measured",)
 
 
-def _gantry(
-    name: str,
-    rig: Gonioreflectometer,
-    brdf: Brdf,
-    samples: int,
+# --- how each makes a BRDF ---
+
+
+def _from_slices(
+    reconstruct_from: Callable[..., SliceBrdf],
+    measurement: Measurement,
+    *,
+    interpolation: str = "cubic",
     progress: Progress | None = None,
-) -> MethodResult:
-    """Measure on a gantry of its own, which simulates no effects."""
-    if rig.effects:
-        raise SimrigError("a gantry simulates no effects: give a rig without")
-    plan = gantry_plan(samples)
-    measurement = Gantry().measure(brdf, plan)
-    if progress is not None:
-        progress(plan.samples, plan.samples)
-
-    def reconstruct() -> Reconstructed:
-        made = reconstruct_gantry(measurement, name)
-        return Reconstructed(made.brdf, made.brdf.values.nbytes, made.notes)
-
-    return reconstructed(measurement.cost, reconstruct, plan.describe())
+) -> Reconstructed:
+    made = reconstruct_from(measurement, interpolation)
+    return Reconstructed(made, made.stored_bytes)
 
 
-def _automatic(
-    rig: Gonioreflectometer,
-    brdf: Brdf,
-    samples: int,
+def _barycentric(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
+    made = reconstruct_barycentric(measurement)
+    return Reconstructed(made, made.stored_bytes)
+
+
+def _kriging(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
+    return reconstruct_kriging(measurement)
+
+
+def _regular_grid(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
+    table = reconstruct_regular_grid(measurement)
+    return Reconstructed(table, table.values.nbytes)
+
+
+def _rbf(
+    neighbours: int | None,
+    logarithms: bool,
+    measurement: Measurement,
+    *,
+    step_deg: float | None = None,
     progress: Progress | None = None,
-) -> MethodResult:
-    measurement = rig.measure_plan(brdf, AutomaticPlan(samples), progress=progress)
-    plan = str(measurement.provenance["plan"])
-    return reconstructed(measurement.cost, partial(reconstruct_kriging, measurement), plan)
+) -> Reconstructed:
+    made = reconstruct_rbf(measurement, neighbours, logarithms=logarithms)
+    if step_deg is None:
+        return Reconstructed(made.brdf, made.brdf.stored_bytes, made.notes)
+    table = resample_dense(
+        made.brdf,
+        math.radians(step_deg),
+        _azimuths(step_deg),
+        float_type=backend.types("float32").Float,
+        progress=progress,
+    )
+    notes = (*made.notes, f"tabulated every {step_deg:g}°")
+    return Reconstructed(table, table.values.nbytes, notes)
 
 
-# name and one line of each, by how it measures
+def _from_gantry(
+    which: str,
+    measurement: Measurement,
+    *,
+    interpolation: str = "pchip",
+    step_deg: float = 7.5,
+    progress: Progress | None = None,
+) -> Reconstructed:
+    made = reconstruct_gantry(
+        measurement,
+        which,
+        theta_step_deg=step_deg,
+        azimuths=_azimuths(step_deg),
+        interpolation=interpolation,
+    )
+    return Reconstructed(made.brdf, made.brdf.values.nbytes, made.notes)
+
+
+def _azimuths(step_deg: float) -> int:
+    if abs(360.0 / step_deg - round(360.0 / step_deg)) > 1e-6:
+        raise SimrigError(f"--step must divide 360°, got {step_deg:g}")
+    return round(360.0 / step_deg)
+
+
+_ANY_DIRECTIONS = "barycentric"
+_ONCE = {"reciprocal": True}  # pairs are measured in one order
+_INTERPOLATION = "Along the slices: {} unless given; pchip never overshoots."
+_OF_SLICES = (
+    Option("interpolation", str, _INTERPOLATION.format("cubic"), "cubic", INTERPOLATIONS),
+)
+_OF_RBF = (
+    Option("step_deg", float, "Degrees between the nodes of a table.", least=0.5, most=30.0),
+)
+_OF_GANTRY = (
+    Option("interpolation", str, _INTERPOLATION.format("pchip"), "pchip", INTERPOLATIONS),
+    Option("step_deg", float, "Degrees between the table's nodes.", 7.5, least=0.5, most=30.0),
+)
+# name, one line, how, the slices that its plan measures
 _ALONG_SLICES = (
-    ("slices", "adaptive slices, all kinds (5.3)", "all", reconstruct),
+    ("slices", "adaptive slices, all kinds (5.3)", reconstruct, "all"),
     (
-        "slices_axial_diagonal",
+        "slices-axial-diagonal",
         "adaptive slices, axial and diagonal only (5.3)",
-        "axial_diagonal",
         reconstruct,
+        "axial-diagonal",
     ),
     (
         "along-highlights",
         "adaptive slices, all kinds, interpolated along highlights (5.7 in 4-D)",
-        "all",
         reconstruct_along_highlights,
+        "all",
     ),
     (
-        "along_highlights_axial_diagonal",
+        "along-highlights-axial-diagonal",
         "as along-highlights, axial and diagonal slices only",
-        "axial_diagonal",
         reconstruct_along_highlights,
+        "axial-diagonal",
     ),
 )
-_ON_UNIFORM_SCHEMES = {
-    "barycentric": "uniform scheme, barycentric interpolation (5.5.2)",
-    "rbf_global": "uniform scheme, one radial basis function per sample (5.5.2)",
-    "rbf_local": "uniform scheme, radial basis functions of the nearest samples",
-    "rbf_global_log": "as rbf_global, of the logarithms of the values",
-    "rbf_local_log": "as rbf_local, of the logarithms of the values",
-}
-_ON_GANTRIES = {
-    "a": "gantry slices, radial basis functions between polar angles (6.1, A)",
-    "b": "gantry slices, linear along a Lafortune model (6.1, B)",
-    "bd": "gantry slices, displacement interpolation (6.1, BD)",
-}
+_BY_RBF = (
+    ("rbf-global", "uniform scheme, one radial basis function per sample (5.5.2)", None, False),
+    (
+        "rbf-local",
+        "uniform scheme, radial basis functions of the nearest samples",
+        NEIGHBOURS,
+        False,
+    ),
+    ("rbf-global-log", "as rbf-global, of the logarithms of the values", None, True),
+    ("rbf-local-log", "as rbf-local, of the logarithms of the values", NEIGHBOURS, True),
+)
+_BY_GANTRY = (
+    ("b", "gantry slices, linear along a Lafortune model (6.1, B)"),
+    ("a", "gantry slices, radial basis functions between polar angles (6.1, A)"),
+    ("bd", "gantry slices, displacement interpolation (6.1, BD)"),
+)
 _ALL = (
     Method(
         "auto",
         "looks first, measures where it shows, kriging of logarithms",
-        _automatic,
+        _kriging,
+        "auto",
         least_samples=LEAST_SAMPLES,
+        any_plan=True,
     ),
     *(
-        Method(name, about, partial(_slices, slice_types, reconstruct), least_samples=55)
-        for name, about, slice_types, reconstruct in _ALONG_SLICES
-    ),
-    *(
-        Method(name, about, partial(_on_scheme, name, _uniform), least_samples=435)
-        for name, about in _ON_UNIFORM_SCHEMES.items()
+        Method(
+            name,
+            about,
+            partial(_from_slices, how),
+            "slices",
+            least_samples=55,
+            plan_options={"slice_types": slice_types},
+            options=_OF_SLICES,
+        )
+        for name, about, how, slice_types in _ALONG_SLICES
     ),
     Method(
-        "regular_grid",
-        "regular grid, multilinear interpolation",
-        partial(_on_scheme, "regular_grid", _regular),
-        least_samples=10,
+        _ANY_DIRECTIONS,
+        "uniform scheme, barycentric interpolation (5.5.2)",
+        _barycentric,
+        "uniform",
+        least_samples=435,
+        plan_options=_ONCE,
+        any_plan=True,
     ),
     *(
-        Method(f"gantry_{name}", about, partial(_gantry, name), least_samples=32)
-        for name, about in _ON_GANTRIES.items()
+        Method(
+            name,
+            about,
+            partial(_rbf, neighbours, logarithms),
+            "uniform",
+            least_samples=435,
+            plan_options=_ONCE,
+            any_plan=True,
+            options=_OF_RBF,
+            to_store={"step_deg": 5.0},
+        )
+        for name, about, neighbours, logarithms in _BY_RBF
+    ),
+    Method(
+        "regular-grid",
+        "regular grid, multilinear interpolation",
+        _regular_grid,
+        "regular-grid",
+        least_samples=10,
+        plan_options=_ONCE,
+        any_plan=True,
+    ),
+    *(
+        Method(
+            f"gantry-{which}",
+            about,
+            partial(_from_gantry, which),
+            "gantry",
+            least_samples=32,
+            rig=Gantry.name,
+            options=_OF_GANTRY,
+        )
+        for which, about in _BY_GANTRY
     ),
 )
 
-METHODS: Mapping[str, Method] = MappingProxyType({entry.name: entry for entry in _ALL})
+METHODS: dict[str, Method] = {entry.name: entry for entry in _ALL}
+"""Every method. A new one is one more entry."""

@@ -70,12 +70,16 @@ def variant_llvm() -> Iterator[str]:
 def measured() -> Callable[..., Any]:
     """Return a function that measures a built-in material along slices."""
     from simrig.brdf import kurt_material
+    from simrig.plans.along_slices import SlicePlan
     from simrig.plans.placement import SlicePlacement
     from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
-    def measure(name="fabric112", steps=(20, 60), samples=2272, **options):
-        placement = SlicePlacement.from_degrees(*steps)
-        return Gonioreflectometer().measure(kurt_material(name), placement, samples, **options)
+    def measure(
+        name="fabric112", steps=(20, 60), samples=2272, checkpoint=None, progress=None, **settings
+    ):
+        plan = SlicePlan(SlicePlacement.from_degrees(*steps), samples, **settings)
+        rig = Gonioreflectometer()
+        return rig.measure(kurt_material(name), plan, checkpoint=checkpoint, progress=progress)
 
     return measure
 

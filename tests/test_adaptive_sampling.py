@@ -9,6 +9,7 @@ from simrig.brdf import kurt_material
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.plans.adaptive import capacity, leave_one_out_errors, sample_adaptively
+from simrig.plans.along_slices import SlicePlan, slice_samples
 from simrig.plans.placement import TABLE_5_1, SlicePlacement, optimal_placement
 from simrig.plans.slices import build_slices
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -41,7 +42,7 @@ def test_corners_of_one_sample_are_the_same_physical_pair():
         assert same or exchanged
 
 
-@pytest.mark.parametrize("types", ["all", "axial_diagonal"])
+@pytest.mark.parametrize("types", ["all", "axial-diagonal"])
 def test_knots_lie_where_the_slice_says(types):
     placement = SlicePlacement.from_degrees(28, 36)
     slices, angles = build_slices(placement, types), placement.corner_angles()
@@ -85,7 +86,7 @@ def test_impossible_placements_are_refused(steps, message):
 @pytest.mark.parametrize("samples", [55, 56, 100, 667])
 def test_exactly_the_asked_number_is_measured_and_none_twice(samples, measured):
     found = measured(steps=(28, 180), samples=samples)
-    angles = found.samples.angles
+    angles = found.angles
     wi, wv = to_vector(angles[:, 0], angles[:, 2]), to_vector(angles[:, 1], angles[:, 3])
     keys = [
         min((*np.round(a, 9), *np.round(b, 9)), (*np.round(b, 9), *np.round(a, 9)))
@@ -107,7 +108,7 @@ def test_too_few_and_too_many_samples_are_refused(measured):
 def test_every_place_can_be_filled(measured):
     placement = SlicePlacement.from_degrees(28, 180)
     step = np.radians(10)
-    knots = measured(steps=(28, 180), samples=55).samples.knots
+    knots = slice_samples(measured(steps=(28, 180), samples=55)).knots
     most = 55 + capacity(knots, step)
     full = sample_adaptively(lambda a, _: np.ones((len(a), 3)), placement, most, minimum_step=step)[
         0
@@ -118,7 +119,7 @@ def test_every_place_can_be_filled(measured):
 
 def test_leave_one_out_is_zero_for_linear_slices_and_finds_a_spike(measured):
     placement = SlicePlacement.from_degrees(20, 60)
-    knots = measured(samples=700).samples.knots
+    knots = slice_samples(measured(samples=700)).knots
     assert np.all(leave_one_out_errors(knots, np.ones((700, 3))) == 0.0)
     spike = np.ones((700, 3))
     spike[knots.sample[knots.first[1] + 1], 1] = 1e5
@@ -142,9 +143,11 @@ def test_new_samples_gather_where_the_signal_bends():
 def test_many_materials_at_once_equal_each_alone():
     placement = SlicePlacement.from_degrees(28, 60)
     materials = [kurt_material(name) for name in ("yellow_satin", "wood01", "fabric002")]
-    together = RIG.measure_many(materials, placement, 700)
+    together = RIG.measure_many(materials, SlicePlan(placement, 700))
     for material, found in zip(materials, together, strict=True):
-        alone = RIG.measure(material, placement, 700)
-        np.testing.assert_array_equal(found.samples.angles, alone.samples.angles)
+        alone = RIG.measure(material, SlicePlan(placement, 700))
+        np.testing.assert_array_equal(found.angles, alone.angles)
         np.testing.assert_array_equal(found.values, alone.values)
-        np.testing.assert_array_equal(found.samples.knots.position, alone.samples.knots.position)
+        np.testing.assert_array_equal(
+            slice_samples(found).knots.position, slice_samples(alone).knots.position
+        )

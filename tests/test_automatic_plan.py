@@ -17,9 +17,10 @@ from simrig.plans.auto.description import describe
 from simrig.plans.auto.findings import findings_of, layout_of
 from simrig.plans.auto.pilot import pilot_pairs, pilot_size
 from simrig.plans.auto.plan import AutomaticPlan
+from simrig.plans.protocol import Recorded
 from simrig.reconstruction.kriging import reconstruct_kriging
-from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer, Recorded
-from simrig.rigs.measurements.directions import DirectionsMeasurement
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.measurements.measurement import Measurement
 
 REACH = np.radians(80.0)
 
@@ -77,9 +78,9 @@ def described(brdf: Brdf, samples: int = 6000):
     return describe(pilot, brdf.eval(pilot.wi, pilot.wv))
 
 
-def found(measurement: DirectionsMeasurement):
+def found(measurement: Measurement):
     """Return what the plan of a measurement found."""
-    return findings_of({k: np.array(v) for k, v in measurement.provenance["found"].items()})
+    return findings_of(measurement.layout)
 
 
 def error(brdf: Brdf, made: Brdf) -> float:
@@ -136,7 +137,7 @@ def test_travel_is_shorter_in_order():
 
 @pytest.mark.parametrize("samples", [16, 30])
 def test_small_budgets_are_kept_exactly(samples):
-    measured = Gonioreflectometer().measure_plan(kurt_material("wood01"), AutomaticPlan(samples))
+    measured = Gonioreflectometer().measure(kurt_material("wood01"), AutomaticPlan(samples))
     assert len(measured.values) == samples == measured.cost.samples
     made = reconstruct_kriging(measured).brdf
     assert error(kurt_material("wood01"), made) < 60.0
@@ -144,12 +145,12 @@ def test_small_budgets_are_kept_exactly(samples):
 
 def test_anisotropic_materials_are_measured_well(tmp_path):
     satin = kurt_material("purple_satin")
-    measured = Gonioreflectometer().measure_plan(satin, AutomaticPlan(600))
+    measured = Gonioreflectometer().measure(satin, AutomaticPlan(600))
     made = reconstruct_kriging(measured)
     assert error(satin, made.brdf) < 3.0
     assert "anisotropic" in made.notes[0]
     measured.save(tmp_path / "m.h5")
-    again = DirectionsMeasurement.load(tmp_path / "m.h5")
+    again = Measurement.load(tmp_path / "m.h5")
     assert found(again).symmetry == Symmetry(False, True, True, True)
 
 
@@ -173,16 +174,14 @@ def test_a_pilot_that_was_wrong_is_overruled():
         def within(self, theta_max):
             return self
 
-    findings = found(Gonioreflectometer().measure_plan(satin, Deceived(800)))
+    findings = found(Gonioreflectometer().measure(satin, Deceived(800)))
     assert findings.symmetries[0][1].isotropic
     assert not findings.symmetry.isotropic
     assert "contradict" in findings.why()
 
 
 def test_it_stops_when_it_is_good_enough():
-    measured = Gonioreflectometer().measure_plan(
-        kurt_material("wood01"), AutomaticPlan(4000, until=1.0)
-    )
+    measured = Gonioreflectometer().measure(kurt_material("wood01"), AutomaticPlan(4000, until=1.0))
     findings = found(measured)
     assert len(measured.values) < 2000
     assert findings.predicted_delta_e <= 1.0
@@ -193,16 +192,16 @@ def test_an_interrupted_measurement_goes_on_with_the_same_result(tmp_path):
     checkpoint = tmp_path / "c.h5"
     plan, wood = AutomaticPlan(60), kurt_material("wood01")
     rig = Gonioreflectometer()
-    whole = rig.measure_plan(wood, plan)
+    whole = rig.measure(wood, plan)
 
     def stop(done, total):
         if done > 35:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        rig.measure_plan(wood, plan, checkpoint=checkpoint, progress=stop)
+        rig.measure(wood, plan, checkpoint=checkpoint, progress=stop)
     assert checkpoint.exists()
-    resumed = rig.measure_plan(wood, plan, checkpoint=checkpoint)
+    resumed = rig.measure(wood, plan, checkpoint=checkpoint)
     assert np.array_equal(resumed.values, whole.values)
     assert np.array_equal(resumed.angles, whole.angles)
     assert not checkpoint.exists()
@@ -240,8 +239,7 @@ def test_real_materials_need_fewer_samples_than_slices(shared_data):
     from simrig.files.load import load_material
 
     truth = load_material(shared_data("rgl/vch_golden_yellow_rgb.bsdf"))
-    rig = Gonioreflectometer()
-    auto, slices = (METHODS[name].run(rig, truth, 1000) for name in ("auto", "slices"))
+    auto, slices = (METHODS[name].run(truth, 1000) for name in ("auto", "slices"))
     rng = np.random.default_rng(5)
     theta, phi = (
         np.arcsin(np.sqrt(rng.uniform(0, 0.96, (2, 4000)))),

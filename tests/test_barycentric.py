@@ -15,6 +15,7 @@ from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
 from simrig.files.hdf5 import read_brdf, write_brdf
+from simrig.plans.listed import SchemePlan
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -154,9 +155,8 @@ def test_the_order_is_illumination_then_view():
 
 
 def test_reciprocal_measurements_stay_reciprocal(rng):
-    measurement = Gonioreflectometer().measure_scheme(
-        kurt_material("fabric135"), scheme("uniform_9")
-    )
+    plan = SchemePlan.of(scheme("uniform_9"))
+    measurement = Gonioreflectometer().measure(kurt_material("fabric135"), plan)
     brdf = reconstruct_barycentric(measurement)
     wi, wv = (random_directions(rng, 1000) for _ in range(2))
     assert brdf.reciprocal

@@ -141,7 +141,7 @@ def test_the_whole_array_is_filled_by_every_method_beside_scipy():
     results = whole_array.run(samples=1000, rounds=1, part=5000)
     by = {(row["method"], row["by"]) for row in results["rows"]}
     scipy = {method for method, how in by if how == "SciPy"}
-    assert scipy == {"barycentric", "regular_grid", "rbf_global", "rbf_local"}
+    assert scipy == {"barycentric", "regular-grid", "rbf-global", "rbf-local"}
     assert {method for method, _ in by} == set(results["mre_percent"]) == set(results["samples"])
     for row in results["rows"]:
         assert row["seconds"] > 0.0

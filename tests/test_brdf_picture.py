@@ -11,6 +11,7 @@ from simrig.brdf import Brdf, Lambert, evaluate, kurt_material
 from simrig.core.arrays import components, vector
 from simrig.core.errors import SimrigError
 from simrig.directions import to_angles, to_vector, wrap_angle
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.brdf.figure import SLICE_COLOURS, brdf_figure, sample_positions
@@ -148,11 +149,11 @@ def test_figure_shows_the_picture_and_the_slices(tmp_path):
 @pytest.fixture(scope="module")
 def measurement():
     placement = SlicePlacement.from_degrees(40, 90)
-    return Gonioreflectometer().measure(kurt_material("yellow_satin"), placement, 300)
+    return Gonioreflectometer().measure(kurt_material("yellow_satin"), SlicePlan(placement, 300))
 
 
 def test_samples_lie_where_the_picture_has_their_value(measurement):
-    thetas = measurement.placement.thetas
+    thetas = measurement.plan.placement.thetas
     columns, rows, inside = sample_positions(measurement, thetas)
     assert inside.any() and not inside.all()
     (fraction_i, tile_i), (fraction_v, tile_v) = np.modf(rows[inside]), np.modf(columns[inside])
@@ -171,7 +172,7 @@ def test_samples_lie_where_the_picture_has_their_value(measurement):
 
 
 def test_figure_shows_the_samples_of_a_measurement(measurement):
-    material, placement = kurt_material("yellow_satin"), measurement.placement
+    material, placement = kurt_material("yellow_satin"), measurement.plan.placement
     options = {"azimuth_step_deg": 12.0, "exposure": 1.0}  # dark, so that white dots stand out
     with_samples = _pixels(brdf_figure(material, measurement=measurement, **options))
     without = _pixels(brdf_figure(material, placement=placement, **options))

@@ -13,12 +13,12 @@ from simrig.brdf.protocol import evaluate
 from simrig.btf.average import average_brdf
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
-from simrig.cli.schemes import named_scheme
 from simrig.core.errors import SimrigError
 from simrig.directions.schemes import uniform_scheme
 from simrig.files.btf import images as btf_images
 from simrig.files.btf.hdf5 import read_btf, write_btf
 from simrig.files.load import load_material
+from simrig.plans.listed import named_scheme
 from simrig.rigs.btf.rig import by_view
 
 made = partial(done, "btf")

@@ -20,13 +20,14 @@ from simrig.evaluation.stability.uniform import list_rows
 from simrig.evaluation.studies.engine.base import Study
 from simrig.files.images import read_image
 from simrig.files.load import FORMATS, MATERIALS
-from simrig.rigs.measurements.slices import Measurement
+from simrig.rigs.measurements.measurement import Measurement
 from simrig.scenes import SCENES
 
 pytestmark = pytest.mark.usefixtures("in_empty_folder")
 
 SMALL_PLAN = ("--samples", "300", "--theta-step", "40", "--azimuth-step", "120")
 MEASURE = ("measure", "wood01", "--output", "m.h5")
+SCHEME = ("--plan", "scheme", "--scheme")
 
 
 def test_materials_lists_materials_and_scenes() -> None:
@@ -76,15 +77,15 @@ def test_from_material_to_comparison() -> None:
 
 def test_axial_and_diagonal_slices_alone() -> None:
     measured = done(
-        "measure", "wood01", "--output", "m.h5", "--slices", "axial-diagonal", *SMALL_PLAN
+        "measure", "wood01", "--output", "m.h5", "--slice-types", "axial-diagonal", *SMALL_PLAN
     )
-    assert measured["slices"] == "axial-diagonal"
-    assert Measurement.load("m.h5").slice_types == "axial_diagonal"
+    assert measured["settings"]["slice_types"] == "axial-diagonal"
+    assert Measurement.load("m.h5").plan.slice_types == "axial-diagonal"
 
 
 def test_schemes_and_what_is_made_of_them() -> None:
-    measured = done("measure", "wood01", "--output", "s.h5", "--scheme", "2", "--ideal")
-    assert measured["scheme"] == "uniform_2"
+    measured = done("measure", "wood01", "--output", "s.h5", *SCHEME, "2", "--ideal")
+    assert (measured["plan"], "uniform_2" in measured["layout"]) == ("scheme", True)
     assert measured["cost"]["samples"] == uniform_scheme(2).reciprocal_count
     assert done("reconstruct", "s.h5", "--output", "b.h5")["method"] == "barycentric"
     spline = ("--method", "rbf-global-log", "--step", "20")
@@ -92,15 +93,18 @@ def test_schemes_and_what_is_made_of_them() -> None:
     assert any("condition" in note for note in reconstructed["notes"])
     close = [done("compare", "wood01", f, "--step", "20") for f in ("b.h5", "t.h5")]
     assert all(0.0 < found["mre"] < 40.0 for found in close)
-    grid = ("--scheme", "regular", "--samples", "300")
+    grid = ("--plan", "regular-grid", "-n", "300")
     planned = done("measure", "wood01", "--output", "g.h5", *grid)
-    assert planned["plan"] and planned["cost"]["samples"] <= 300
+    assert planned["effects"] and planned["cost"]["samples"] <= 300
     table = done("reconstruct", "g.h5", "--output", "r.h5", "--method", "regular-grid")
     assert table["samples"] == planned["cost"]["samples"]
     to_x = ("reconstruct", "s.h5", "--output", "x.h5")
-    assert "no slices" in refusal(*to_x, "--method", "slices")
-    assert "leave it out" in refusal(*to_x, "--step", "20")
-    assert "leave out --interpolation" in refusal(*to_x, "--interpolation", "pchip")
+    assert "needs a measurement by plan 'slices'" in refusal(*to_x, "--method", "slices")
+    assert "'barycentric' has no --step, rbf-global, " in refusal(*to_x, "--step", "20")
+    assert "'barycentric' has no --interp" in refusal(*to_x, "--interpolation", "pchip")
+    assert "'rbf-local'" in refusal(*to_x, "--method", "rbf-locl")
+    assert "must divide 360" in refusal(*to_x, "--method", "rbf-local", "--step", "7")
+    assert "from 0.5 to 30 degrees" in refusal(*to_x, "--method", "rbf-local", "--step", "nan")
     assert "regular grid" in refusal(
         "reconstruct", "s.h5", "--output", "x.h5", "--method", "regular-grid"
     )
@@ -149,13 +153,13 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
         (["materials", "four_sphere"], "did you mean 'four_spheres'"),
         (["measure", "yelow_satin", "--output", "m.h5"], "did you mean 'yellow_satin'"),
         (["measure", "wood01", "--output", "nowhere/m.h5"], "the folder 'nowhere' does not exist"),
-        ([*MEASURE, "--samples", "0"], "too few"),
+        ([*MEASURE, "--samples", "0"], "at least 1"),
         ([*MEASURE, "--samples", "20"], "20 samples are too few"),
-        ([*MEASURE, "--theta-max", "95"], "between 0 and 90"),
+        ([*MEASURE, "--theta-max", "95"], "from 0 to 90 degrees"),
         ([*MEASURE, "--azimuth-step", "36"], "together"),
         ([*MEASURE, "--enable", "noize"], "did you mean 'noise'"),
-        ([*MEASURE, "--rig", "gantri"], "unknown --rig 'gantri': did you mean 'gantry'?"),
-        ([*MEASURE, "--slices", "round"], "unknown --slices 'round'"),
+        ([*MEASURE, "--rig", "gantri"], "'gantri': did you mean 'gantry'?"),
+        ([*MEASURE, "--slice-types", "round"], "unknown value of --slice-types 'round'"),
         (
             [*MEASURE, "--samples", "100", "--theta-step", "14", "--azimuth-step", "36"],
             "intersections",
@@ -164,13 +168,18 @@ def test_stability_sums_up_its_rows(unexplained: int, monkeypatch: pytest.Monkey
             [*MEASURE, "--samples", "10000000", "--theta-step", "80", "--azimuth-step", "180"],
             "samples",
         ),
-        ([*MEASURE, "--scheme", "31"], "numbered 1 to 30"),
-        ([*MEASURE, "--scheme", "uniforn"], "did you mean 'uniform'"),
-        ([*MEASURE, "--scheme", "7", "--samples", "500"], "its own number of samples"),
-        ([*MEASURE, "--scheme", "7", "--theta-max", "60"], "its own polar angles"),
-        ([*MEASURE, "--scheme", "7", "--azimuth-step", "36"], "measures no slices"),
-        ([*MEASURE, "--scheme", "uniform", "--samples", "400"], "too few for a uniform scheme"),
-        ([*MEASURE, "--scheme", "regular", "--samples", "9"], "too few for a regular grid"),
+        ([*MEASURE, "--plan", "uniforn"], "did you mean 'uniform'"),
+        ([*MEASURE, "--scheme", "7"], "plan 'slices' has no --scheme, scheme has"),
+        ([*MEASURE, *SCHEME, "31"], "numbered 1 to 30"),
+        ([*MEASURE, *SCHEME, "uniform-3"], "did you mean 'uniform_3'"),
+        ([*MEASURE, *SCHEME, "7", "-n", "500"], "'scheme' has no --samples, slices, auto, "),
+        ([*MEASURE, *SCHEME, "7", "--azimuth-step", "36"], "no --azimuth-step, slices has"),
+        ([*MEASURE, "--plan", "uniform", "-n", "400"], "too few for a uniform scheme"),
+        ([*MEASURE, "--plan", "regular-grid", "-n", "9"], "too few for a regular grid"),
+        ([*MEASURE, "--plan", "directions"], "needs --pairs"),
+        ([*MEASURE, "--plan", "directions", "--pairs", "no.txt"], "no file 'no.txt'"),
+        ([*MEASURE, "--rig", "no.toml"], "no file 'no.toml'"),
+        ([*MEASURE, "--ideal", "--everything"], "--ideal simulates no effect"),
         (["reconstruct", "nothing.h5", "--output", "r.h5"], "there is no file 'nothing.h5'"),
         (["render", "--material", "wood01", "--output", "x.jpg"], ".exr or .png"),
         (["render", "--material", "wood01", "--output", "x.exr", "--scene", "spher"], "'sphere'"),
@@ -241,7 +250,7 @@ def test_an_interrupted_measurement_goes_on_with_the_same_result(tmp_path: Path)
     done(*plan, "whole.h5")
     cut, whole = Measurement.load("cut.h5"), Measurement.load("whole.h5")
     np.testing.assert_array_equal(cut.values, whole.values)
-    np.testing.assert_array_equal(cut.samples.angles, whole.samples.angles)
+    np.testing.assert_array_equal(cut.angles, whole.angles)
 
 
 SMALL_EXPERIMENT = """

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from command_line import done, refusal, simrig
-from simrig.cli.schemes import named_scheme
 from simrig.core.errors import SimrigError
 from simrig.directions.schemes import hemisphere_81, uniform_scheme
 from simrig.files.images import read_image
+from simrig.plans.listed import named_scheme
 from simrig.viewing.stimuli import pictures as stimuli
 
 SMALL = ("--texels", "4", "--directions", "1", "--spp", "1", "--resolution", "48")

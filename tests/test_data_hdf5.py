@@ -198,8 +198,8 @@ def test_files_of_version_0_1_still_open(tmp_path: Path, measured: Callable[...,
         file.attrs["content"] = "reflectance"
         rename(file["structure"].attrs, {"theta_step": "elevation_step"})
     again = type(scan).load(tmp_path / "scan.h5")
-    np.testing.assert_array_equal(again.samples.values, scan.samples.values)
-    assert again.placement == scan.placement
+    np.testing.assert_array_equal(again.values, scan.values)
+    assert again.plan.placement == scan.plan.placement
     assert hdf5.content_of(tmp_path / "slices.h5") == "brdf"
     back = hdf5.read_brdf(tmp_path / "slices.h5")
     for name, array in slices.data().items():

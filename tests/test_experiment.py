@@ -32,7 +32,7 @@ from simrig.evaluation.experiment.results import accuracy_versus_cost, total_cos
 from simrig.evaluation.experiment.run import run_experiment
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.files.images import read_image
-from simrig.rigs.measurements.slices import Measurement
+from simrig.rigs.measurements.measurement import Measurement
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
@@ -78,7 +78,7 @@ def test_results_are_on_disk_and_complete(finished: tuple) -> None:
     assert json.loads(text, parse_constant=lambda name: pytest.fail(name)) == results
     assert results["format"] == "simrig experiment"
     assert list(results["scenes"]) == ["sphere"]
-    assert [r["method"] for r in results["reconstructions"]] == ["slices", "uniform"] * 2
+    assert [r["method"] for r in results["reconstructions"]] == ["slices", "regular-grid"] * 2
     for record in results["reconstructions"]:
         assert record["cost"]["sampling"]["samples"] == record["samples"]
         assert record["total"]["hardware_hours"] > 1.0
@@ -241,7 +241,7 @@ def test_each_set_of_slices_is_measured_and_rebuilt_on_its_own(
     full, axial = results["reconstructions"]
     for record in (full, axial):
         measured = Measurement.load(tmp_path / record["files"]["measurement"])
-        assert measured.slice_types == SLICE_METHODS[record["method"]]
+        assert measured.plan.slice_types == SLICE_METHODS[record["method"]]
         assert len(measured.values) == record["samples"] == 700
     assert axial["label"] == "axial and diagonal slices, 700 samples"
     # the full set is what it is without the other one beside it

@@ -18,7 +18,8 @@ from simrig.evaluation.experiment.config import (
     RenderingSettings,
     demo_experiment,
 )
-from simrig.evaluation.experiment.reconstructions import largest_theta_deg, make_plans
+from simrig.evaluation.experiment.reconstructions import make_plans
+from simrig.plans.protocol import largest_theta_deg
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -133,17 +134,20 @@ def test_theta_max_follows_the_data() -> None:
     assert largest_theta_deg(truth, None) == 74.0
     truth.theta_max = float(np.radians(np.float32(75.0))) - 1e-8
     assert largest_theta_deg(truth, None) == 75.0
-    with pytest.raises(SimrigError, match="data of 'wood01' end at 75"):
+    with pytest.raises(SimrigError, match="data up to theta = 75"):
         largest_theta_deg(truth, 76.0)
+
+
+AXIAL = "slices-axial-diagonal"
 
 
 @pytest.mark.parametrize(
     ("slice_types", "methods"),
-    [("all", ["slices"]), ("axial_diagonal", ["axial"]), ("both", ["slices", "axial"])],
+    [("all", ["slices"]), ("axial-diagonal", [AXIAL]), ("both", ["slices", AXIAL])],
 )
 def test_slice_types_decide_the_methods(slice_types: str, methods: list[str]) -> None:
     plans = make_plans(MeasurementSettings((700, 900), slice_types=slice_types), 80.0)
-    assert [plan.method for plan in plans] == [*methods, "uniform"] * 2
+    assert [plan.method for plan in plans] == [*methods, "regular-grid"] * 2
     assert [p.key for p in plans if p.samples == 900] == [f"{name}-900" for name in methods]
     assert len({plan.label for plan in plans}) == len({plan.key for plan in plans}) == len(plans)
 
@@ -154,4 +158,4 @@ def test_the_demo_compares_both_sets_of_slices() -> None:
 
 def test_explicit_steps_are_used() -> None:
     plan, *_ = make_plans(MeasurementSettings((5000,), 20.0, 60.0), 80.0)
-    assert plan.layout.describe() == "e_s = 20°, a_s = 60°, theta_max = 80°"
+    assert plan.plan.placement.describe() == "e_s = 20°, a_s = 60°, theta_max = 80°"

@@ -11,8 +11,9 @@ from simrig.core.errors import SimrigError
 from simrig.plans.gantry import GantryPlan, gantry_plan
 from simrig.plans.slices import AXIAL
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
-from simrig.rigs.gantry.rig import Gantry, GantryMeasurement
-from simrig.rigs.timing import GANTRY_TIMING, STEADY_GANTRY_TIMING
+from simrig.rigs.gantry.rig import Gantry
+from simrig.rigs.measurements.measurement import Measurement
+from simrig.rigs.registry import make_rig
 
 EVEN = {"lowest_samples": 24}
 
@@ -92,9 +93,13 @@ def test_impossible_plans_are_refused(make, message):
 
 
 def test_published_times():
-    assert GANTRY_TIMING.seconds(2, 2) == pytest.approx(360.0)
-    assert STEADY_GANTRY_TIMING.seconds(4, 8) == pytest.approx(7 * 60, rel=0.1)
-    assert STEADY_GANTRY_TIMING.seconds(10, 16) == pytest.approx(30 * 60, rel=0.1)
+    assert Gantry().timing.seconds(2, 2) == pytest.approx(360.0)
+    steady = make_rig("steady-gantry").timing
+    published = ((32, 7.0), (160, 30.0))  # recordings, minutes
+    rate = np.array([recordings / (60.0 * minutes) for recordings, minutes in published])
+    assert steady.change_seconds == pytest.approx(rate.sum() / (rate @ rate) - 10.0, abs=1e-9)
+    assert steady.seconds(4, 8) == pytest.approx(7 * 60, rel=0.1)
+    assert steady.seconds(10, 16) == pytest.approx(30 * 60, rel=0.1)
 
 
 # --- measurements --------------------------------------------------------------------------------
@@ -103,7 +108,7 @@ def test_published_times():
 def test_measurement_is_saved_and_loaded(tmp_path):
     measurement = Gantry().measure(kurt_material("wood01"), GantryPlan(highlights=True))
     measurement.save(tmp_path / "m.h5")
-    again = GantryMeasurement.load(tmp_path / "m.h5")
+    again = Measurement.load(tmp_path / "m.h5")
     np.testing.assert_array_equal(again.values, measurement.values)
     assert again.plan == measurement.plan
     assert (again.material, again.cost) == (measurement.material, measurement.cost)
@@ -118,12 +123,12 @@ def test_damaged_measurement_is_refused(tmp_path):
     with h5py.File(path, "r+") as file:
         file["values"][0, 0] = -1.0
     with pytest.raises(SimrigError, match="negative"):
-        GantryMeasurement.load(path)
+        Measurement.load(path)
     with h5py.File(path, "r+") as file:
         file["values"][0, 0] = 1.0
         file["angles"][3, 2] += 0.1
     with pytest.raises(SimrigError, match="not those of its plan"):
-        GantryMeasurement.load(path)
+        Measurement.load(path)
 
 
 def test_thetas_beyond_the_data_are_refused():

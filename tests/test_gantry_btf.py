@@ -19,7 +19,8 @@ from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.reconstruction.gantry.btf import planned_images, reconstruct_btf
 from simrig.reconstruction.gantry.polar_angles import interval_weights, line_weights
 from simrig.reconstruction.gantry.texels import texel_method
-from simrig.rigs.gantry.rig import Gantry, GantryMeasurement
+from simrig.rigs.gantry.rig import Gantry
+from simrig.rigs.measurements.measurement import Measurement
 
 PLAN = GantryPlan()
 # on the azimuths of the methods' own tables: nothing is interpolated a second time
@@ -28,7 +29,7 @@ ANGLES = grid_angles(HemisphereScheme.from_rings("some", RINGS))
 MATERIALS = ("fabric112", "wood01", "yellow_satin")
 
 
-def gantry(name: str) -> GantryMeasurement:
+def gantry(name: str) -> Measurement:
     return Gantry().measure(kurt_material(name), PLAN)
 
 

@@ -11,6 +11,7 @@ from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.files.load import load_material, save_material
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices.tables import reconstruct
@@ -21,7 +22,7 @@ RIG = Gonioreflectometer()
 
 def measured(material, e_s=20, a_s=60, samples=2000, slice_types="all"):
     placement = SlicePlacement.from_degrees(e_s, a_s)
-    return RIG.measure(material, placement, samples, slice_types=slice_types)
+    return RIG.measure(material, SlicePlan(placement, samples, slice_types))
 
 
 def along_highlights(slices):
@@ -40,14 +41,14 @@ def pairs(rng, count, top_deg=80.0):
     return theta[0], phi[0], theta[1], phi[1]
 
 
-@pytest.mark.parametrize("slice_types", ["all", "axial_diagonal"])
+@pytest.mark.parametrize("slice_types", ["all", "axial-diagonal"])
 def test_measured_intersections_are_reproduced(slice_types):
     measurement = measured(kurt_material("fabric112"), slice_types=slice_types)
     result = reconstruct_along_highlights(measurement)
-    count = measurement.placement.intersections
-    theta_i, theta_v, phi_i, phi_v = measurement.samples.angles[:count].T
+    count = measurement.plan.placement.intersections
+    theta_i, theta_v, phi_i, phi_v = measurement.angles[:count].T
     found = result.eval_angles(theta_i, phi_i, theta_v, phi_v)
-    np.testing.assert_allclose(found, measurement.samples.values[:count], rtol=5e-4)
+    np.testing.assert_allclose(found, measurement.values[:count], rtol=5e-4)
 
 
 def test_horizontal_slices_are_reproduced_at_the_nodes_of_the_grid():
@@ -98,7 +99,7 @@ def test_a_narrow_mirror_highlight_has_no_hole_between_thetas():
     theta = np.radians([7.0, 21.0, 35.0, 49.0, 63.0, 75.0])
     phi = np.full(6, 0.3)
     there = theta, phi, theta, phi + np.pi
-    truth = RIG.measure_directions(material, np.stack([theta, theta, phi, phi + np.pi], axis=1))
+    truth = RIG.record(material, np.stack([theta, theta, phi, phi + np.pi], axis=1)).values
     assert np.all(former.eval_angles(*there) < 0.1 * truth)  # the hole of D.1
     ratio = along_highlights(former).eval_angles(*there) / truth
     assert ratio.min() > 0.8 and ratio.max() < 1.25

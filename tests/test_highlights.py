@@ -15,6 +15,7 @@ from simrig.core import backend
 from simrig.core.arrays import vector_type
 from simrig.evaluation.stability.highlights import highlight_rows
 from simrig.evaluation.stability.methods import signals
+from simrig.plans.along_slices import SlicePlan, slice_samples
 from simrig.plans.placement import SubspacePlacement
 from simrig.reconstruction.slices.highlights import (
     HighlightSubspace,
@@ -32,13 +33,13 @@ def place(theta_i, theta_v, step):
 
 
 def both(material, where, samples):
-    found = RIG.measure_subspace(material, where, samples)
+    found = slice_samples(RIG.measure(material, SlicePlan(where, samples, "axial-diagonal")))
     return reconstruct_subspace(found, where), reconstruct_subspace_along_highlights(found, where)
 
 
 def truth(material, where, phi_i, phi_v):
     theta = (np.full(phi_i.shape, t) for t in (where.theta_i, where.theta_v))
-    return RIG.measure_directions(material, np.stack([*theta, phi_i, phi_v], axis=1))
+    return RIG.record(material, np.stack([*theta, phi_i, phi_v], axis=1)).values
 
 
 def slanted(theta_i, theta_v, a_n=2, exchanged=False):
@@ -202,7 +203,9 @@ def test_one_slice_of_each_kind_needs_two_samples():
     material = Lambert((0.2, 0.3, 0.4))
     for pair in ((30, 60), (40, 40)):
         where = place(*pair, 360)
-        found = RIG.measure_subspace(material, where, where.intersections)
+        found = slice_samples(
+            RIG.measure(material, SlicePlan(where, where.intersections, "axial-diagonal"))
+        )
         assert len(found.values) == 2
         picture = reconstruct_subspace_along_highlights(found, where, "linear").picture(24)
         expected = np.array([0.2, 0.3, 0.4]) / np.pi

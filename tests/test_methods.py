@@ -15,24 +15,27 @@ from simrig.directions.schemes import hemisphere_81, scheme, uniform_scheme
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.files.load import load_material
 from simrig.methods import METHODS, method
-from simrig.plans.uniform import UniformPlan, largest_uniform_scheme
-from simrig.reconstruction.scattered.by_name import RECONSTRUCTIONS, reconstruct_by_name
+from simrig.plans.listed import SchemePlan
+from simrig.plans.uniform import RegularGrid, largest_uniform_scheme
 from simrig.reconstruction.scattered.pairs import pair_table
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.measurements.directions import DirectionsMeasurement
-from simrig.rigs.timing import UTIA_TIMING
+from simrig.rigs.measurements.measurement import Measurement
 
 RIG = Gonioreflectometer()
-CONVENTIONAL = ("slices", "slices_axial_diagonal", *RECONSTRUCTIONS)
+CONVENTIONAL = (
+    "slices",
+    "slices-axial-diagonal",
+    *(name for name, one in METHODS.items() if one.any_plan),
+)
 
 
 @pytest.fixture(scope="module")
-def measurement() -> DirectionsMeasurement:
-    return RIG.measure_scheme(kurt_material("fabric135"), uniform_scheme(1))
+def measurement() -> Measurement:
+    return RIG.measure(kurt_material("fabric135"), SchemePlan.of(uniform_scheme(1)))
 
 
-def shuffled(measured: DirectionsMeasurement, rng) -> DirectionsMeasurement:
+def shuffled(measured: Measurement, rng) -> Measurement:
     """The same samples in another order, half of them with light and view exchanged."""
     order = rng.permutation(len(measured.values))
     angles = measured.angles[order]
@@ -60,21 +63,21 @@ def test_a_reciprocal_pair_is_measured_once(measurement):
     angles = measurement.angles
     assert np.all(angles[:, 0] <= angles[:, 1])
     assert measurement.cost.samples == 435
-    assert measurement.cost.hardware_seconds == UTIA_TIMING.seconds(435, adaptive=False)
+    assert measurement.cost.hardware_seconds == RIG.timing.seconds(435, adaptive=False)
 
 
 def test_a_material_that_is_not_reciprocal_is_measured_in_both_orders():
     four = uniform_scheme(1)
-    measured = RIG.measure_scheme(one_way(), four)
+    measured = RIG.measure(one_way(), SchemePlan.for_material(one_way(), scheme="1"))
     assert len(measured.values) == four.pair_count
     table = pair_table(measured)
     assert not table.reciprocal and not np.allclose(table.values, table.values.swapaxes(0, 1))
-    assert pair_table(RIG.measure_scheme(one_way(), four, reciprocal=True)).reciprocal
+    assert pair_table(RIG.measure(one_way(), SchemePlan.of(four, reciprocal=True))).reciprocal
 
 
 def test_saved_and_loaded(measurement, tmp_path):
     measurement.save(tmp_path / "m.h5")
-    again = DirectionsMeasurement.load(tmp_path / "m.h5")
+    again = Measurement.load(tmp_path / "m.h5")
     np.testing.assert_array_equal(again.angles, measurement.angles)
     np.testing.assert_array_equal(again.values, measurement.values)
     assert (again.material, again.cost) == (measurement.material, measurement.cost)
@@ -85,17 +88,20 @@ def test_saved_and_loaded(measurement, tmp_path):
 
 def test_an_interrupted_measurement_goes_on(tmp_path):
     truth, plan, checkpoint = kurt_material("wood01"), hemisphere_81(), tmp_path / "c"
-    whole = RIG.measure_scheme(truth, plan)
+    whole = RIG.measure(truth, SchemePlan.of(plan))
 
     def stop(done: int, total: int) -> None:
         if done > 1000:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        RIG.measure_scheme(truth, plan, checkpoint=checkpoint, progress=stop)
+        RIG.measure(truth, SchemePlan.of(plan), checkpoint=checkpoint, progress=stop)
     taken: list[int] = []
-    again = RIG.measure_scheme(
-        truth, plan, checkpoint=checkpoint, progress=lambda done, _: taken.append(done)
+    again = RIG.measure(
+        truth,
+        SchemePlan.of(plan),
+        checkpoint=checkpoint,
+        progress=lambda done, _: taken.append(done),
     )
     assert taken[0] > 1000 and taken[-1] == plan.reciprocal_count
     np.testing.assert_array_equal(again.values, whole.values)
@@ -119,7 +125,7 @@ def test_measurements_that_cannot_be_are_refused(change, said, measurement):
 
 def test_directions_beyond_the_data_are_refused():
     with pytest.raises(SimrigError, match="data up to"):
-        RIG.measure_scheme(DenseTable(np.ones((2, 2, 1, 1, 3)), 0.5), uniform_scheme(1))
+        RIG.measure(DenseTable(np.ones((2, 2, 1, 1, 3)), 0.5), SchemePlan.of(uniform_scheme(1)))
 
 
 def test_the_table_of_pairs_does_not_depend_on_the_order(measurement, rng):
@@ -132,7 +138,7 @@ def test_the_table_of_pairs_does_not_depend_on_the_order(measurement, rng):
 def test_repeated_pairs_are_averaged(measurement):
     angles = np.concatenate([measurement.angles, measurement.angles[:5]])
     values = np.concatenate([measurement.values, 3.0 * measurement.values[:5]])
-    table = pair_table(DirectionsMeasurement(angles, values, "twice", Cost()))
+    table = pair_table(Measurement(angles, values, "twice", Cost()))
     plain = pair_table(measurement)
     assert table.repeated == 5
     np.testing.assert_allclose(table.values[0, :5], 2.0 * plain.values[0, :5])
@@ -146,16 +152,16 @@ def test_missing_pairs_are_counted(measurement):
 
 def test_slices_are_no_table_of_pairs(measured):
     along = measured("fabric112", (40, 90), 300)
-    for name in ("barycentric", "regular_grid"):
+    for name in ("barycentric", "regular-grid"):
         with pytest.raises(SimrigError, match="needs every pair"):
-            reconstruct_by_name(name, along)
-    assert "300" in reconstruct_by_name("rbf_local", along).brdf.name
+            METHODS[name].reconstruct(along)
+    assert "300" in METHODS["rbf-local"].reconstruct(along).brdf.name
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (5, 7), (8, 18)])
 def test_a_regular_grid_is_found_again(shape, rng):
-    plan = UniformPlan(*shape, float(np.radians(75.0)))
-    measured = RIG.measure_scheme(kurt_material("fabric135"), plan.scheme())
+    plan = RegularGrid(*shape, float(np.radians(75.0)))
+    measured = RIG.measure(kurt_material("fabric135"), plan)
     table = reconstruct_regular_grid(shuffled(measured, rng))
     assert table.values.shape == (shape[0], shape[0], shape[1], shape[1], 3)
     assert table.theta_max == pytest.approx(plan.theta_max)
@@ -164,7 +170,7 @@ def test_a_regular_grid_is_found_again(shape, rng):
 
 @pytest.mark.parametrize("name", ["uniform_14", "hemisphere_151"])
 def test_other_schemes_are_no_regular_grid(name):
-    measured = RIG.measure_scheme(kurt_material("fabric135"), scheme(name))
+    measured = RIG.measure(kurt_material("fabric135"), SchemePlan.of(scheme(name)))
     with pytest.raises(SimrigError, match="no regular grid"):
         reconstruct_regular_grid(measured)
 
@@ -179,10 +185,10 @@ def test_the_densest_scheme_for_some_samples(samples):
 @pytest.mark.parametrize("name", CONVENTIONAL)
 def test_a_method_approaches_the_truth(name):
     truth = kurt_material("fabric135")
-    result = METHODS[name].run(RIG, truth, 1100)
+    result = METHODS[name].run(truth, 1100)
     assert METHODS[name].least_samples <= result.samples <= 1100
-    overhead = name.startswith("slices")
-    assert result.hardware_seconds == UTIA_TIMING.seconds(result.samples, adaptive=overhead)
+    overhead = name in ("auto", "slices", "slices-axial-diagonal")
+    assert result.hardware_seconds == RIG.timing.seconds(result.samples, adaptive=overhead)
     assert result.bytes > 0 and result.reconstruction_seconds > 0.0 and result.notes
     assert mre_estimate(truth, result.brdf, 2000, step_deg=8.0).percent < 45.0
 
@@ -190,17 +196,14 @@ def test_a_method_approaches_the_truth(name):
 @pytest.mark.parametrize("name", list(METHODS))
 def test_every_method_refuses_too_few_samples(name):
     with pytest.raises(SimrigError, match=r"too few|at least"):
-        METHODS[name].run(RIG, kurt_material("fabric135"), METHODS[name].least_samples - 1)
+        METHODS[name].run(kurt_material("fabric135"), METHODS[name].least_samples - 1)
 
 
 def test_the_half_that_was_measured_is_said():
-    result = METHODS["regular_grid"].run(RIG, one_way(), 200)
+    result = METHODS["regular-grid"].run(one_way(), 200)
     assert any("not reciprocal" in note for note in result.notes)
 
 
 def test_unknown_methods_are_refused():
     with pytest.raises(SimrigError, match="did you mean 'barycentric'"):
         method("baricentric")
-    with pytest.raises(SimrigError, match="did you mean 'rbf_local'"):
-        reconstruct_by_name("rbf_locl", None)  # type: ignore[arg-type]
-    assert set(RECONSTRUCTIONS) <= set(METHODS)

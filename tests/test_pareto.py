@@ -20,7 +20,6 @@ from simrig.evaluation.studies.pareto.choice import COSTS, METRICS, advise, summ
 from simrig.evaluation.studies.pareto.shown import subject_tables
 from simrig.files.load import save_material
 from simrig.methods import METHODS
-from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 SMALL = {
     **pareto.PRESETS["quick"],
@@ -59,7 +58,7 @@ def summarised(*rows: dict[str, Any]) -> dict[str, Any]:
     return summarise_rows(rows, list(dict.fromkeys(row["material"] for row in rows)))
 
 
-CHEAP, GOOD = row("gantry_b", 168, 0.1, 20.0), row("slices", 2000, 8.0, 5.0)
+CHEAP, GOOD = row("gantry-b", 168, 0.1, 20.0), row("slices", 2000, 8.0, 5.0)
 POOR, BEST = row("barycentric", 1891, 7.0, 9.0), row("along-highlights", 8911, 25.0, 1.0)
 ONE = summarised(CHEAP, GOOD, POOR, BEST)["subjects"][0]
 
@@ -98,7 +97,7 @@ def test_compilation_counts_apart() -> None:
     ("wish", "method", "words"),
     [
         ({"budget_hours": 10.0}, "slices", "within 10 h: choose slices with 2,000 samples: 8 h"),
-        ({"budget_hours": 0.01}, None, "nothing that was tried will do; the nearest is gantry_b"),
+        ({"budget_hours": 0.01}, None, "nothing that was tried will do; the nearest is gantry-b"),
         ({"error": 9.5}, "barycentric", "for MRE ≤ 9.5: choose barycentric with 1,891 samples"),
         ({"error": 0.5}, None, "nothing that was tried will do; the nearest is along-highlights"),
     ],
@@ -137,7 +136,7 @@ def test_a_plan_that_repeats_itself_is_shown_once() -> None:
 def test_look_ups_give_the_picture_that_the_plugin_renders(name: str) -> None:
     truth = kurt_material("purple_satin")
     picture = SpherePicture(truth, pixels=24, lights=4)
-    made = METHODS[name].run(Gonioreflectometer(), truth, 435).brdf
+    made = METHODS[name].run(truth, 435).brdf
     rendered, looked_up = picture.rendered(made), picture.looked_up(made)
     assert np.allclose(rendered, looked_up, rtol=2e-3, atol=1e-4 * rendered.max())
     assert picture.compare(truth).delta_e == 0.0 < picture.compare(made).delta_e
@@ -145,7 +144,7 @@ def test_look_ups_give_the_picture_that_the_plugin_renders(name: str) -> None:
 
 def test_radial_basis_functions_have_a_picture_too() -> None:
     truth = kurt_material("wood01")
-    made = METHODS["rbf_local"].run(Gonioreflectometer(), truth, 435).brdf
+    made = METHODS["rbf-local"].run(truth, 435).brdf
     error = SpherePicture(truth, pixels=16, lights=2).compare(made)
     assert error.by == "look-ups" and 0.0 < error.delta_e < 5.0 and error.psnr > 20.0
 

@@ -16,27 +16,30 @@ from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
+from simrig.plans.listed import SchemePlan
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.scattered import rbf
 from simrig.reconstruction.scattered.rbf import LocalSplines, reconstruct_rbf
 from simrig.reconstruction.scattered.thin_plate import LARGEST_CONDITION, fit_thin_plate
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.measurements.directions import DirectionsMeasurement
+from simrig.rigs.measurements.measurement import Measurement
 
 VARIANTS = [(None, False), (None, True), (50, False), (50, True)]
 
 
 @pytest.fixture(scope="module")
-def measurement() -> DirectionsMeasurement:
-    return Gonioreflectometer().measure_scheme(kurt_material("fabric112"), scheme("uniform_1"))
+def measurement() -> Measurement:
+    return Gonioreflectometer().measure(
+        kurt_material("fabric112"), SchemePlan.of(scheme("uniform_1"))
+    )
 
 
-def hand_made(theta_i, theta_v, phi_i, phi_v, values) -> DirectionsMeasurement:
+def hand_made(theta_i, theta_v, phi_i, phi_v, values) -> Measurement:
     angles = np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
-    return DirectionsMeasurement(angles, np.asarray(values, float), "hand-made", Cost())
+    return Measurement(angles, np.asarray(values, float), "hand-made", Cost())
 
 
-def random_measurement(rng, count: int = 60) -> DirectionsMeasurement:
+def random_measurement(rng, count: int = 60) -> Measurement:
     theta, phi = rng.uniform(0.0, 1.4, (2, count)), rng.uniform(0.0, 6.28, (2, count))
     return hand_made(*theta, *phi, rng.uniform(0.1, 1.0, (count, 3)))
 
@@ -139,7 +142,7 @@ def test_few_samples_still_give_an_answer(neighbours, rng):
 def test_repeated_samples_are_averaged_and_said(rng):
     once = random_measurement(rng)
     values = np.concatenate([once.values, 3.0 * once.values])
-    twice = DirectionsMeasurement(np.tile(once.angles, (2, 1)), values, "twice", Cost())
+    twice = Measurement(np.tile(once.angles, (2, 1)), values, "twice", Cost())
     result = reconstruct_rbf(twice)
     wi, wv = to_vector(once.theta_i, once.phi_i), to_vector(once.theta_v, once.phi_v)
     np.testing.assert_allclose(evaluate(result.brdf, wi, wv), 2.0 * once.values, rtol=1e-6)
@@ -164,7 +167,7 @@ def test_samples_closer_than_an_arm_repeats_are_one(neighbours, rng):
     once = random_measurement(rng)
     angles = np.concatenate([once.angles, once.angles + 1e-7 * rng.random(once.angles.shape)])
     values = np.concatenate([once.values, 3.0 * once.values])
-    result = reconstruct_rbf(DirectionsMeasurement(angles, values, "close", Cost()), neighbours)
+    result = reconstruct_rbf(Measurement(angles, values, "close", Cost()), neighbours)
     assert any("60 repeated samples merged" in note for note in result.notes)
     wi, wv = to_vector(once.theta_i, once.phi_i), to_vector(once.theta_v, once.phi_v)
     np.testing.assert_allclose(evaluate(result.brdf, wi, wv), 2.0 * once.values, rtol=1e-4)
@@ -220,11 +223,11 @@ def test_refusals(measurement, monkeypatch):
     with pytest.raises(SimrigError, match="at least 6 neighbours"):
         reconstruct_rbf(measurement, 5)
     monkeypatch.setattr(rbf, "LARGEST_GLOBAL", 100)
-    with pytest.raises(SimrigError, match="use rbf_local"):
+    with pytest.raises(SimrigError, match="use rbf-local"):
         reconstruct_rbf(measurement)
     half = replace(measurement)
     keep = half.theta_v > half.theta_i + 2.0 * BAND
-    upper = DirectionsMeasurement(half.angles[keep], half.values[keep], "upper", Cost())
+    upper = Measurement(half.angles[keep], half.values[keep], "upper", Cost())
     with pytest.raises(SimrigError, match="one side"):
         reconstruct_rbf(upper, reciprocal=False)
 

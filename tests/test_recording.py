@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.core.counter_rng import normals, uniforms
 from simrig.directions import to_vector
-from simrig.instruments.instrument import UTIA, Instrument
+from simrig.instruments.instrument import utia
 from simrig.rigs.direct.recording import (
     at,
     averaged,
@@ -20,6 +22,8 @@ from simrig.rigs.direct.recording import (
     record,
 )
 
+UTIA = utia()
+
 
 def everywhere(count: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
@@ -29,7 +33,7 @@ def everywhere(count: int, seed: int = 0) -> np.ndarray:
 
 def test_quadrature_converges(measured):
     material = kurt_material("brushed_aluminium")
-    angles = measured("brushed_aluminium", (28, 60), 1100).samples.angles
+    angles = measured("brushed_aluminium", (28, 60), 1100).angles
     areas = {"light-size", "aperture-size", "spot-size", "fall-off"}
     dense = averaged(material, angles[::8], UTIA, areas, pairs=2048)
     usual = averaged(material, angles[::8], UTIA, areas)
@@ -58,7 +62,7 @@ def test_blunting_of_a_narrow_lobe_follows_its_curvature():
     """Around a maximum, a disc of angular radius r lowers f by r²/8 of each second derivative."""
     material = kurt_material("brushed_aluminium")
     angles = np.array([[0.5, 0.5, 0.0, np.pi]])  # the mirror direction
-    small = Instrument(light_diameter=4.0)
+    small = replace(UTIA, light_diameter=4.0)
     step = 1e-3
     wi = to_vector(angles[:, 0], angles[:, 2])
     up, aside = to_vector(angles[:, 0] - np.pi / 2, angles[:, 2]), np.array([[0.0, 1.0, 0.0]])
@@ -84,7 +88,7 @@ def test_blunting_of_a_narrow_lobe_follows_its_curvature():
 
 def test_fall_off_of_a_diffuser_follows_the_distance():
     """The mean of (d/d')³ over a spot of radius s: 1 + (3/2)(s/d)²(5/2 sin²θ − 1) + ..."""
-    rig = Instrument(non_uniformity=0.0, spot_diameter=60.0, sample_diameter=80.0)
+    rig = replace(UTIA, non_uniformity=0.0, spot_diameter=60.0, sample_diameter=80.0)
     for theta in (0.0, 0.6, 1.2):
         angles = np.array([[theta, 0.3, 0.0, 1.0]])
         found = averaged(Lambert((1.0,) * 3), angles, rig, {"fall-off"}, pairs=2048)
@@ -94,7 +98,7 @@ def test_fall_off_of_a_diffuser_follows_the_distance():
 
 
 def test_non_uniformity_raises_the_mean_by_half():
-    rig = Instrument(non_uniformity=0.02, light_distance=1e6)
+    rig = replace(UTIA, non_uniformity=0.02, light_distance=1e6)
     found = averaged(Lambert((1.0,) * 3), everywhere(5), rig, {"fall-off"}, pairs=2048)
     assert np.allclose(found * np.pi, 1.01, atol=1e-4)
 
@@ -110,7 +114,7 @@ def test_axes_stop_within_their_accuracy():
 
 
 def test_blur_reaches_the_border_at_a_slant_only():
-    rig = Instrument(spot_diameter=29.0, sample_diameter=30.0, blur_diameter=0.5)
+    rig = replace(UTIA, spot_diameter=29.0, sample_diameter=30.0, blur_diameter=0.5)
     steep, slant = np.array([[0.1, 0.0, 0.0, 0.0]]), np.array([[0.1, 1.4, 0.0, 0.0]])
     assert border_share(steep, rig) == 0.0
     share = border_share(slant, rig)
@@ -122,7 +126,7 @@ def test_blur_reaches_the_border_at_a_slant_only():
 
 def test_a_mirror_adds_what_comes_back():
     """Of a diffuser of albedo a, in a mirror that returns the share s: a²s/π / (1 − a s)."""
-    rig = Instrument(mirror_reflectance=0.9, mirror_coverage=0.5)
+    rig = replace(UTIA, mirror_reflectance=0.9, mirror_coverage=0.5)
     added = mirror_gain(Lambert((0.6,) * 3), everywhere(10), rig)
     assert np.allclose(added, 0.36 * 0.45 / np.pi / (1.0 - 0.6 * 0.45), rtol=1e-3)
     assert not mirror_gain(Lambert((0.6,) * 3), everywhere(10), UTIA).any()
@@ -130,7 +134,7 @@ def test_a_mirror_adds_what_comes_back():
 
 def test_stray_light_weighs_more_at_grazing_illumination():
     angles = np.array([[0.0, 0.2, 0.0, 0.0], [1.4, 0.2, 0.0, 0.0]])
-    found = record(Lambert((0.0,) * 3), angles, Instrument(stray_light=0.01), {"stray-light"})
+    found = record(Lambert((0.0,) * 3), angles, replace(UTIA, stray_light=0.01), {"stray-light"})
     assert np.allclose(found[:, 0], 0.01 / np.pi / np.cos(angles[:, 0]))
 
 
@@ -148,7 +152,7 @@ def test_exposures_fill_the_sensor_without_saturating():
 
 
 def test_steps_without_noise_and_clipping():
-    rig = Instrument(bits=4, saturation=1.0, exposure_range_ev=0.0)
+    rig = replace(UTIA, bits=4, saturation=1.0, exposure_range_ev=0.0)
     normal = np.zeros((1, 4))
     for value, expected in ((0.53, 8 / 16), (0.9, 14 / 16), (3.0, 1.0)):
         material = Ward(k_d=(np.pi * value,) * 3, k_s=(0.0,) * 3)
@@ -170,7 +174,7 @@ def test_noise_has_the_deviation_of_its_electrons():
 
 def test_noise_hides_the_steps_of_the_converter():
     """Averaged over pixels whose noise exceeds half a step, rounding no longer shows."""
-    angles, rig = everywhere(500), Instrument(bits=12, pixels=10**12)
+    angles, rig = everywhere(500), replace(UTIA, bits=12, pixels=10**12)
     value = Lambert((0.3, 0.2, 0.1))
     both = record(value, angles, rig, {"noise", "quantisation"})
     steps = record(value, angles, rig, {"quantisation"})

@@ -11,26 +11,26 @@ from simrig.brdf import kurt_material
 from simrig.brdf.protocol import evaluate
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.plans.uniform import uniform_plan
+from simrig.plans.uniform import regular_grid
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 
 @pytest.mark.parametrize("samples", [10, 300, 1034, 3230, 8911, 18721])
 def test_a_regular_grid_has_at_most_as_many_samples(samples: int) -> None:
-    plan = uniform_plan(samples, math.radians(80.0))
+    plan = regular_grid(samples, math.radians(80.0))
     assert 0.85 * samples <= plan.samples <= samples
 
 
 def test_a_regular_grid_needs_ten_samples() -> None:
     with pytest.raises(SimrigError, match="at least 10"):
-        uniform_plan(9, 1.0)
+        regular_grid(9, 1.0)
 
 
 def test_the_regular_grid_is_exact_at_its_nodes() -> None:
     truth = kurt_material("yellow_satin")
-    plan = uniform_plan(3230, math.radians(80.0))
-    measurement = Gonioreflectometer().measure_scheme(truth, plan.scheme())
+    plan = regular_grid(3230, math.radians(80.0))
+    measurement = Gonioreflectometer().measure(truth, plan)
     assert measurement.cost.samples == plan.samples
     table = reconstruct_regular_grid(measurement)
     rng = np.random.default_rng(5)

@@ -1,5 +1,6 @@
 """The gonioreflectometer: reach, time, interruption, files."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -12,11 +13,11 @@ import pytest
 
 from simrig.brdf import Lambert
 from simrig.core.errors import SimrigError
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.measurements.slices import Measurement
-from simrig.rigs.timing import UTIA_TIMING
+from simrig.rigs.measurements.measurement import Measurement
 
 RIG = Gonioreflectometer()
 
@@ -29,17 +30,27 @@ def test_a_published_time_follows_from_the_other_two():
         slope, start = np.polyfit(*np.array(others).T, 1)
         predicted = start + slope * left_out
         assert predicted == pytest.approx(published, rel=0.1)
-        ours = UTIA_TIMING.seconds(left_out, adaptive=False) / 3600
+        ours = RIG.timing.seconds(left_out, adaptive=False) / 3600
         assert min(predicted, published) * 0.99 < ours < max(predicted, published) * 1.01
+
+
+def test_timing_is_the_line_through_the_published_hours():
+    published = [(6561, 18.0), (8911, 25.0 / 1.1), (18721, 51.0 / 1.1)]  # adaptive ones 10 % longer
+    n, seconds = np.array([(samples, 3600.0 * hours) for samples, hours in published]).T
+    matrix = np.stack([1.0 / seconds, n / seconds], axis=1)
+    line = np.linalg.lstsq(matrix, np.ones(3), rcond=None)[0]
+    timing = RIG.timing
+    np.testing.assert_allclose([timing.set_up, timing.per_sample], line, rtol=1e-12)
+    assert timing.seconds(8911, True) / timing.seconds(8911, False) == pytest.approx(1.1)
 
 
 def test_thetas_out_of_reach_are_refused():
     with pytest.raises(SimrigError, match=r"\[0, 90\) degrees, got 90"):
-        RIG.measure_directions(Lambert(), np.radians([[90.0, 10.0, 0.0, 0.0]]))
+        RIG.record(Lambert(), np.radians([[90.0, 10.0, 0.0, 0.0]]))
     limited = Lambert()
     limited.theta_max = np.radians(60.0)
     with pytest.raises(SimrigError, match="data up to theta = 60"):
-        RIG.measure(limited, SlicePlacement.from_degrees(14, 36), 4000)
+        RIG.measure(limited, SlicePlan(SlicePlacement.from_degrees(14, 36), 4000))
 
 
 def test_negative_material_is_refused():
@@ -48,7 +59,7 @@ def test_negative_material_is_refused():
             return -super().look_up(wi, wv, tables)
 
     with pytest.raises(SimrigError, match="negative or not finite at theta_i"):
-        RIG.measure(Negative(), SlicePlacement.from_degrees(28, 180), 100)
+        RIG.measure(Negative(), SlicePlan(SlicePlacement.from_degrees(28, 180), 100))
 
 
 def test_interrupted_measurement_resumes_to_the_same_result(tmp_path: Path, measured):
@@ -69,7 +80,7 @@ def test_interrupted_measurement_resumes_to_the_same_result(tmp_path: Path, meas
     )
     assert counted[0] > 600 and counted[-1] == 2000
     np.testing.assert_array_equal(resumed.values, whole.values)
-    np.testing.assert_array_equal(resumed.samples.angles, whole.samples.angles)
+    np.testing.assert_array_equal(resumed.angles, whole.angles)
     assert not checkpoint.exists()
 
 
@@ -78,11 +89,12 @@ import sys, time
 from pathlib import Path
 from simrig.brdf import kurt_material
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 
-placement = SlicePlacement.from_degrees(20, 60)
+plan = SlicePlan(SlicePlacement.from_degrees(20, 60), 2272)
 Gonioreflectometer().measure(
-    kurt_material("fabric112"), placement, 2272, checkpoint=Path(sys.argv[1]),
+    kurt_material("fabric112"), plan, checkpoint=Path(sys.argv[1]),
     progress=lambda done, total: time.sleep(0.0 if done < 1000 else 60.0),
 )
 """
@@ -129,11 +141,17 @@ def test_measurement_survives_saving(tmp_path: Path, measured):
     found.save(path)
     loaded = Measurement.load(path)
     np.testing.assert_array_equal(loaded.values, found.values)
-    assert loaded.placement == found.placement and loaded.cost == found.cost
+    assert loaded.plan.placement == found.plan.placement and loaded.cost == found.cost
     assert loaded.provenance == found.provenance
     again = reconstruct(loaded)
     for key, value in reconstruct(found).data().items():
         np.testing.assert_array_equal(again.data()[key], value)
+
+
+def change_plan(file: h5py.File, **settings) -> None:
+    plan = json.loads(file.attrs["plan"])
+    plan["settings"].update(settings)
+    file.attrs["plan"] = json.dumps(plan)
 
 
 @pytest.mark.parametrize(
@@ -143,9 +161,14 @@ def test_measurement_survives_saving(tmp_path: Path, measured):
         (lambda f: f.attrs.__setitem__("content", "holiday pictures"), "expected a measurement"),
         (lambda f: f.__delitem__("values"), "damaged"),
         (lambda f: f["values"].__setitem__(3, np.nan), "NaN"),
-        (lambda f: f["knot_sample"].__setitem__(0, 10**9), "do not fit"),
-        (lambda f: f["knot_position"].__setitem__(1, 0.0), "do not ascend"),
-        (lambda f: f.attrs.__setitem__("azimuth_step", 0.3), "divide 360"),
+        (lambda f: f["layout/knot_sample"].__setitem__(0, 10**9), "do not fit"),
+        (lambda f: f["layout/knot_position"].__setitem__(1, 0.0), "do not ascend"),
+        (lambda f: change_plan(f, azimuth_step=0.3), "divide 360"),
+        (lambda f: change_plan(f, theta_step="wide"), "malformed"),
+        (lambda f: change_plan(f, nonsense=1), "malformed"),
+        (lambda f: f.attrs.__setitem__("plan", "[" * 100_000), "malformed"),
+        (lambda f: f.attrs.__setitem__("plan", '{"name": "slises"}'), "malformed"),
+        (lambda f: f.__delitem__("layout"), "damaged"),
     ],
 )
 def test_damaged_measurements_are_refused(tmp_path: Path, change, message, measured):

@@ -10,20 +10,21 @@ import pytest
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.core.effects import Effect, Overrides, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
-from simrig.instruments.instrument import UTIA, Instrument
+from simrig.instruments.instrument import utia
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.rigs.direct.effects import RIG_EFFECT_NAMES, RIG_EFFECTS, plan_directions
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.direct.planning import plan_rig, with_plan
 from simrig.rigs.direct.recording import at, averaged, record, within_reach
-from simrig.rigs.measurements.slices import Measurement
+from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.tolerances import largest_change, measured_change
 
 TOLERANCES = ("relative=0.01", "dE=0.5", "psnr=45")
-PLACEMENT = SlicePlacement.from_degrees(28.0, 60.0)
-SAMPLES = 1100
+UTIA = utia()
+PLAN = SlicePlan(SlicePlacement.from_degrees(28.0, 60.0), 1100)
 # every effect shows: a spot that reaches the rim, a mirror, few bits and pixels, a large light
-HARSH = Instrument(
+HARSH = replace(
+    UTIA,
     positioning_deg=0.2,
     light_diameter=90.0,
     aperture_diameter=60.0,
@@ -50,7 +51,7 @@ def materials():
 def measured():
     """Return the directions of an ideal measurement of each material."""
     rig = Gonioreflectometer()
-    return [(m, rig.measure(m, PLACEMENT, SAMPLES).samples.angles) for m in materials()]
+    return [(m, rig.measure(m, PLAN).angles) for m in materials()]
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +130,7 @@ def test_effects_have_the_common_interface():
 
 def test_the_default_rig_simulates_nothing(aluminium):
     material, angles = aluminium
-    values = Gonioreflectometer().measure_directions(material, angles)
+    values = Gonioreflectometer().record(material, angles).values
     assert np.array_equal(values, at(material, angles))
 
 
@@ -142,7 +143,7 @@ def test_everything_at_once_is_finite_and_not_negative(measured):
 def test_an_interrupted_measurement_with_noise_resumes_to_the_same_values(tmp_path):
     material = kurt_material("yellow_satin")
     rig = Gonioreflectometer(instrument=HARSH, effects=RIG_EFFECT_NAMES)
-    whole = rig.measure(material, PLACEMENT, SAMPLES)
+    whole = rig.measure(material, PLAN)
 
     def interrupt(done: int, total: int) -> None:
         if done > 700:
@@ -150,26 +151,25 @@ def test_an_interrupted_measurement_with_noise_resumes_to_the_same_values(tmp_pa
 
     checkpoint = tmp_path / "checkpoint"
     with pytest.raises(KeyboardInterrupt):
-        rig.measure(material, PLACEMENT, SAMPLES, checkpoint=checkpoint, progress=interrupt)
+        rig.measure(material, PLAN, checkpoint=checkpoint, progress=interrupt)
     assert checkpoint.exists()
     other = replace(rig, instrument=replace(HARSH, seed=1))
     with pytest.raises(SimrigError, match="unfinished part of another job, with instrument"):
-        other.measure(material, PLACEMENT, SAMPLES, checkpoint=checkpoint)
-    resumed = rig.measure(material, PLACEMENT, SAMPLES, checkpoint=checkpoint)
+        other.measure(material, PLAN, checkpoint=checkpoint)
+    resumed = rig.measure(material, PLAN, checkpoint=checkpoint)
     assert np.array_equal(resumed.values, whole.values)
-    assert np.array_equal(resumed.samples.angles, whole.samples.angles)
+    assert np.array_equal(resumed.angles, whole.angles)
 
 
 def test_the_plan_is_kept_in_the_measurement(tmp_path):
     material, rig = kurt_material("brushed_aluminium"), Gonioreflectometer()
     tolerance = Tolerance("dE", 0.5)
     overrides = Overrides(enable=("noise",), disable=("spot-size",))
-    plan = plan_rig(
-        material, rig, tolerance, placement=PLACEMENT, samples=SAMPLES, overrides=overrides
-    )
+    planned = rig.planned(material, PLAN, tolerance, overrides)
+    plan = planned.effect_plan
     assert plan.on("noise") and not plan.on("spot-size") and plan.on("light-size")
     assert not plan.on("mirror")
-    measurement = with_plan(rig, plan).measure(material, PLACEMENT, SAMPLES)
+    measurement = planned.measure(material, PLAN)
     measurement.save(tmp_path / "m.h5")
     kept = Measurement.load(tmp_path / "m.h5").provenance["effects"]
     assert kept["tolerance"] == "dE=0.5"
@@ -179,14 +179,12 @@ def test_the_plan_is_kept_in_the_measurement(tmp_path):
 
 
 def test_everything_and_unknown_names():
-    material, rig = Lambert(), Gonioreflectometer()
-    tolerance = Tolerance("relative", 10.0)
-    everything = Overrides(everything=True)
-    plan = plan_rig(material, rig, tolerance, samples=700, overrides=everything)
-    assert plan.settings["effects"] == list(RIG_EFFECT_NAMES)
-    assert plan_rig(material, rig, tolerance, samples=700).settings["effects"] == []
+    rig = Gonioreflectometer()
+    about = (Lambert(), SlicePlan.for_material(samples=700), Tolerance("relative", 10.0))
+    assert rig.planned(*about, Overrides(everything=True)).effects == RIG_EFFECT_NAMES
+    assert rig.planned(*about).effects == ()
     with pytest.raises(SimrigError, match="did you mean 'noise'"):
-        plan_rig(material, rig, tolerance, samples=700, overrides=Overrides(enable=("nois",)))
+        rig.planned(*about, Overrides(enable=("nois",)))
     with pytest.raises(SimrigError, match="did you mean 'noise'"):
         Gonioreflectometer(effects=("nois",))
 

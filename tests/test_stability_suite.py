@@ -33,12 +33,13 @@ from simrig.evaluation.stability.scattered import barycentric_rows, scattered_ro
 from simrig.evaluation.stability.subjects import small_slices
 from simrig.evaluation.stability.suite import stability_suite, stability_table
 from simrig.evaluation.stability.uniform import hard_samples, rbf_rows, uniform_rows
+from simrig.methods import METHODS
 from simrig.plans.adaptive import Knots
 from simrig.plans.slices import OPEN
-from simrig.plans.uniform import UniformPlan
+from simrig.plans.uniform import RegularGrid
 from simrig.plugins import make_bsdf
-from simrig.reconstruction.scattered.by_name import reconstruct_by_name
 from simrig.reconstruction.slices.along_slices import INTERPOLATIONS, SliceInterpolator
+from simrig.rigs.measurements.measurement import Measurement
 
 
 @pytest.mark.slow
@@ -158,13 +159,13 @@ def test_axial_and_diagonal_slices_of_a_spike_are_clean(monkeypatch):
     spike = {"spike": signals()["spike"]}
     monkeypatch.setattr(methods, "signals", lambda: spike)
     cases = [hard_case("pole-one", 16), hard_case("azimuth-wrap", 16)]
-    rows = reconstruction_rows("cubic", cases, "llvm", slice_types="axial_diagonal")
+    rows = reconstruction_rows("cubic", cases, "llvm", slice_types="axial-diagonal")
     assert len(rows) == 2 and all(row.explained for row in rows)
 
 
 @pytest.mark.parametrize(
     ("method", "plan"),
-    [("barycentric", uniform_scheme(3)), ("regular_grid", UniformPlan(4, 9, 1.4).scheme())],
+    [("barycentric", uniform_scheme(3)), ("regular-grid", RegularGrid(4, 9, 1.4).scheme())],
 )
 def test_hard_lists_of_samples_give_the_table_of_the_easy_one(method, plan):
     rows = {row.case: row for row in uniform.list_rows(method, plan)}
@@ -177,14 +178,14 @@ def test_hard_lists_of_samples_give_the_table_of_the_easy_one(method, plan):
 
 
 def test_a_method_that_drops_duplicates_is_flagged(monkeypatch):
-    def first_only(method, measurement):
-        _, kept = np.unique(measurement.angles.round(6), axis=0, return_index=True)
-        return reconstruct_by_name(
-            method,
-            replace(measurement, angles=measurement.angles[kept], values=measurement.values[kept]),
-        )
+    usual = METHODS["barycentric"]
 
-    monkeypatch.setattr(uniform, "reconstruct_by_name", first_only)
+    def first_only(measurement, **options):
+        _, kept = np.unique(measurement.angles.round(6), axis=0, return_index=True)
+        first = Measurement(measurement.angles[kept], measurement.values[kept], "first")
+        return usual.make(first, **options)
+
+    monkeypatch.setitem(METHODS, "barycentric", replace(usual, make=first_only))
     rows = uniform.list_rows("barycentric", uniform_scheme(1))
     assert [row.case for row in rows if not row.explained] == ["duplicates with other values"]
 

@@ -6,12 +6,17 @@ import pytest
 from simrig.brdf import Lambert, kurt_material
 from simrig.core import backend
 from simrig.core.errors import SimrigError
+from simrig.plans.along_slices import SlicePlan, slice_samples
 from simrig.plans.placement import SlicePlacement, SubspacePlacement
 from simrig.reconstruction.slices.subspace import reconstruct_subspace
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 RIG = Gonioreflectometer()
+
+
+def measured(material, where, samples):
+    return slice_samples(RIG.measure(material, SlicePlan(where, samples, "axial-diagonal")))
 
 
 def placement(theta_i=30, theta_v=75, step=30):
@@ -22,7 +27,7 @@ def error(material, subspace, where, size=180):
     phi = np.arange(size) * (2 * np.pi / size)
     phi_i, phi_v = (a.ravel() for a in np.meshgrid(phi, phi, indexing="ij"))
     theta = (np.full(phi_i.shape, t) for t in (where.theta_i, where.theta_v))
-    truth = RIG.measure_directions(material, np.stack([*theta, phi_i, phi_v], axis=1))
+    truth = RIG.record(material, np.stack([*theta, phi_i, phi_v], axis=1)).values
     return np.abs(subspace.picture(size).reshape(-1, 3) / truth - 1.0).mean()
 
 
@@ -40,7 +45,7 @@ def test_more_samples_come_closer_to_the_material(thetas):
     material, where = kurt_material("fabric112"), placement(*thetas)
     errors = []
     for samples in (400, 1600):
-        found = RIG.measure_subspace(material, where, samples)
+        found = measured(material, where, samples)
         assert len(found.values) == samples
         errors.append(error(material, reconstruct_subspace(found, where), where))
     assert errors[1] < errors[0] < 0.1
@@ -49,7 +54,7 @@ def test_more_samples_come_closer_to_the_material(thetas):
 
 def test_slices_are_reproduced_exactly_where_they_were_measured():
     material, where = kurt_material("yellow_satin"), placement(60, 60, 36)
-    found = RIG.measure_subspace(material, where, 900)
+    found = measured(material, where, 900)
     subspace = reconstruct_subspace(found, where)
     phi = found.angles[: where.intersections, 2:]
     np.testing.assert_allclose(
@@ -61,9 +66,13 @@ def test_it_is_the_four_dimensional_form_without_the_thetas(rng):
     material, where = kurt_material("fabric135"), placement(40, 80, 36)
     full = SlicePlacement.from_degrees(40, 36)
     count = full.intersections  # only the intersections, so that both know the same samples
-    four = reconstruct(RIG.measure(material, full, count, slice_types="axial_diagonal"))
+    four = reconstruct(RIG.measure(material, SlicePlan(full, count, "axial-diagonal")))
     two = reconstruct_subspace(
-        RIG.measure_subspace(material, where, where.intersections), where, azimuth_samples=360
+        slice_samples(
+            RIG.measure(material, SlicePlan(where, where.intersections, "axial-diagonal"))
+        ),
+        where,
+        azimuth_samples=360,
     )
     phi_i, phi_v = rng.uniform(0, 2 * np.pi, (2, 2000))
     theta = np.full(2000, where.theta_i), np.full(2000, where.theta_v)
@@ -78,7 +87,9 @@ def test_it_is_the_four_dimensional_form_without_the_thetas(rng):
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_dr_jit_equals_numpy(rng, precision):
     where = placement()
-    found = RIG.measure_subspace(kurt_material("wood01"), where, 600)
+    found = slice_samples(
+        RIG.measure(kurt_material("wood01"), SlicePlan(where, 600, "axial-diagonal"))
+    )
     subspace = reconstruct_subspace(found, where)
     types = backend.types(precision)
     phi_i, phi_v = rng.uniform(-7, 7, (2, 5000))
@@ -90,7 +101,9 @@ def test_dr_jit_equals_numpy(rng, precision):
 
 def test_lambert_is_exact_and_impossible_subspaces_are_refused():
     where = placement(20, 50, 90)
-    found = RIG.measure_subspace(Lambert((0.2, 0.3, 0.4)), where, 40)
+    found = slice_samples(
+        RIG.measure(Lambert((0.2, 0.3, 0.4)), SlicePlan(where, 40, "axial-diagonal"))
+    )
     picture = reconstruct_subspace(found, where, "linear").picture(24)
     expected = np.array([0.2, 0.3, 0.4]) / np.pi
     np.testing.assert_allclose(picture, np.broadcast_to(expected, picture.shape), rtol=1e-6)
@@ -98,6 +111,6 @@ def test_lambert_is_exact_and_impossible_subspaces_are_refused():
         with pytest.raises(SimrigError):
             placement(*bad)
     with pytest.raises(SimrigError, match="too few"):
-        RIG.measure_subspace(Lambert(), where, 10)
+        measured(Lambert(), where, 10)
     with pytest.raises(SimrigError, match="only axial and diagonal"):
         where.slices("all")

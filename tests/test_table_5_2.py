@@ -36,7 +36,7 @@ def rows(material: str, errors: dict[int, dict[str, float]]) -> list[dict[str, A
         {
             "material": material,
             "samples": samples,
-            "kind": method.split("_")[0],
+            "kind": method.split("-")[0],
             "method": method,
             "mre_percent": error,
             "standard_error_percent": 0.02 * error,
@@ -62,8 +62,8 @@ def test_the_full_study_has_thirty_schemes_and_both_sets() -> None:
 
 def test_a_ratio_is_the_mean_over_the_schemes() -> None:
     errors = {
-        100: {"slices": 10.0, "barycentric": 10.0, "rbf_global": 5.0, "rbf_local": 99.0},
-        1000: {"slices": 1.0, "barycentric": 3.0, "rbf_local": 2.0},
+        100: {"slices": 10.0, "barycentric": 10.0, "rbf-global": 5.0, "rbf-local": 99.0},
+        1000: {"slices": 1.0, "barycentric": 3.0, "rbf-local": 2.0},
     }
     config = {"materials": ["wood01"], "schemes": [1, 2], "figure_5_8": ["wood01"]}
     summary = summarise(config, rows("wood01", errors))
@@ -83,8 +83,8 @@ def test_a_ratio_is_the_mean_over_the_schemes() -> None:
 
 def test_one_scheme_has_both_splines_and_the_error_is_known_well() -> None:
     found = {scheme: run_cell(SMALL, {"material": "wood01", "scheme": scheme}) for scheme in (1, 2)}
-    assert [row["method"] for row in found[1]] == ["slices", "barycentric", "rbf_global"]
-    assert [row["method"] for row in found[2]][2:] == ["rbf_global", "rbf_local"]
+    assert [row["method"] for row in found[1]] == ["slices", "barycentric", "rbf-global"]
+    assert [row["method"] for row in found[2]][2:] == ["rbf-global", "rbf-local"]
     for own in found.values():
         assert len({row["samples"] for row in own}) == 1, "all methods have the same samples"
         for row in own:

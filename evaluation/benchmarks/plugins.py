@@ -28,7 +28,7 @@ from simrig.core.tables import text_table
 from simrig.evaluation.benchmarks.timing import side_by_side, stage_of
 from simrig.evaluation.metrics.images import delta_e_map
 from simrig.files.rgl.writer import write_rgl
-from simrig.plans.placement import optimal_placement
+from simrig.plans.along_slices import SlicePlan
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rendering.render import display_exposure, load
@@ -87,7 +87,9 @@ def run(
 def _materials(folder: Path) -> tuple[dict[str, Callable[[], Any]], dict[str, int]]:
     """Return functions that make each material, and the bytes of their data."""
     truth = kurt_material(MATERIAL)
-    measurement = Gonioreflectometer().measure(truth, optimal_placement(SAMPLES), SAMPLES)
+    measurement = Gonioreflectometer().measure(
+        truth, SlicePlan.for_material(truth, samples=SAMPLES)
+    )
     slices = reconstruct(measurement)
     table = resample_dense(truth, np.radians(7.5), 48, np.radians(82.5))
     rgl, isotropic = folder / "material.bsdf", folder / "isotropic.bsdf"

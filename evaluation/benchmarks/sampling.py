@@ -15,6 +15,7 @@ from simrig.brdf import kurt_material
 from simrig.core.tables import text_table
 from simrig.evaluation.benchmarks.timing import side_by_side
 from simrig.plans.adaptive import AdaptiveSamples
+from simrig.plans.along_slices import SlicePlan, slice_samples
 from simrig.plans.placement import SlicePlacement
 from simrig.plans.slices import MIRRORED, OPEN, PERIODIC, build_slices
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -38,10 +39,10 @@ def run(
     found: dict[str, AdaptiveSamples] = {}
 
     def measure(angles: np.ndarray) -> np.ndarray:
-        return rig.measure_directions(truth, angles)
+        return rig.record(truth, angles).values
 
     def ours() -> None:
-        found["simrig"] = rig.measure(truth, placement, samples).samples
+        found["simrig"] = slice_samples(rig.measure(truth, SlicePlan(placement, samples)))
 
     def plain() -> None:
         found["plain Python"] = _plain(measure, placement, samples)

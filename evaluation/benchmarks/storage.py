@@ -16,6 +16,7 @@ from simrig.core import backend
 from simrig.core.arrays import table_bytes
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.mre import mre_exact
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -39,7 +40,7 @@ def run(progress: Callable[..., None] | None = None) -> dict[str, Any]:
         if progress is not None:
             progress(done, len(LAYOUTS))
         placement = SlicePlacement.from_degrees(e_s, a_s)
-        measurement = Gonioreflectometer().measure(truth, placement, samples)
+        measurement = Gonioreflectometer().measure(truth, SlicePlan(placement, samples))
         slices = reconstruct(measurement)
         sizes = {}
         for key, differentiable in (("lookup", False), ("differentiable", True)):

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS
 from simrig.core.backend import VARIANTS
+from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.evaluation.experiment.rendering import USUAL_SPP, RenderingSettings
 from simrig.evaluation.experiment.schema import (
@@ -35,13 +36,20 @@ from simrig.rendering.environment import BUILTIN
 from simrig.scenes import SCENES
 
 _LARGEST_FILE = 1 << 20  # bytes; an experiment is a page of text
+NO_EFFECTS = "none"  # an ideal rig
 BOTH_SLICE_TYPES = "both"  # measure with each of them, to compare
 SMALLEST_PICTURE = 11  # pixels; the window of SSIM
 
 
+def _tolerance(where: str, value: Any) -> str:
+    if text(where, value) != NO_EFFECTS:
+        parse_tolerance(value)
+    return value
+
+
 @dataclass(frozen=True)
 class MeasurementSettings(Section):
-    """How the gonioreflectometer measures.
+    """How the material is measured.
 
     Attributes:
         samples: one measurement is made for each of these numbers of samples, ascending.
@@ -49,9 +57,12 @@ class MeasurementSettings(Section):
             neither. Without them thesis Table 5.1 chooses.
         theta_max_deg: largest polar angle in degrees; by default 80, or that of the data, rounded
             down to whole degrees, where it ends earlier.
-        slice_types: ``"all"``, ``"axial_diagonal"``, or ``"both"`` for a measurement with each.
+        slice_types: ``"all"``, ``"axial-diagonal"``, or ``"both"`` for a measurement with each.
         k, p_1, p_2: parameters of thesis algorithm 5.1.
         baseline: also measure a regular grid with about as many samples, for comparison.
+        rig: the name of a rig, or an instrument file (TOML).
+        tolerance: chooses the effects of the rig that are simulated (``"dE=0.5"``); ``"none"`` is
+            an ideal rig.
     """
 
     section: ClassVar[str] = "measurement"
@@ -65,6 +76,8 @@ class MeasurementSettings(Section):
     p_1: int = setting(integer(0, 1000), 5)
     p_2: int = setting(integer(0, 1000), 5)
     baseline: bool = setting(flag, True)
+    rig: str = setting(text, "gonioreflectometer")
+    tolerance: str = setting(_tolerance, NO_EFFECTS)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -277,7 +290,11 @@ class Experiment(Section):
                 found = str(existing_file(folder / source).resolve())
                 scene = replace(scene, options={**scene.options, "environment": found})
             scenes.append(scene)
-        return replace(self, material=material, scenes=tuple(scenes))
+        measurement = self.measurement
+        if measurement.rig.endswith(".toml"):
+            rig = str(existing_file(folder / measurement.rig).resolve())
+            measurement = replace(measurement, rig=rig)
+        return replace(self, material=material, measurement=measurement, scenes=tuple(scenes))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the settings as plain values, as they would stand in a TOML file."""

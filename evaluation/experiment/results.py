@@ -29,7 +29,7 @@ from simrig.evaluation.experiment.config import ComparisonSettings
 from simrig.evaluation.experiment.measured_half import MeasuredHalf
 from simrig.evaluation.metrics.angular_grid import AngularGrid
 from simrig.evaluation.metrics.mre import RelativeError, mre_estimate
-from simrig.rigs.measurements.slices import fingerprint
+from simrig.rigs.fingerprint import fingerprint
 from simrig.viewing.plots import pareto_front
 
 FORMAT, FORMAT_VERSION = "simrig experiment", 1

@@ -15,7 +15,6 @@ from simrig.evaluation.experiment.plans import check_plans
 from simrig.evaluation.experiment.reconstructions import (
     MeasurementRunner,
     Subject,
-    largest_theta_deg,
     make_plans,
 )
 from simrig.evaluation.experiment.results import (
@@ -33,8 +32,10 @@ from simrig.evaluation.experiment.scenes import SceneRenderer
 from simrig.evaluation.report import html as report
 from simrig.files.atomic import atomic_write
 from simrig.files.load import load_material
+from simrig.plans.protocol import largest_theta_deg
 from simrig.plugins.importance_sampling import sample_alike
-from simrig.rigs.measurements.slices import fingerprint
+from simrig.rigs.fingerprint import fingerprint
+from simrig.rigs.registry import make_rig
 
 __all__ = ["Experiment", "SceneSettings", "demo_experiment", "run_experiment"]
 
@@ -66,7 +67,10 @@ def run_experiment(
     check_plans(experiment)
     truth = load_material(experiment.material)
     theta_max_deg = largest_theta_deg(truth, experiment.measurement.theta_max_deg)
+    rig = make_rig(experiment.measurement.rig)
     plans = make_plans(experiment.measurement, theta_max_deg)
+    for plan in plans:
+        rig.check(truth, plan.plan)
     grid = comparison_grid(experiment.comparison, theta_max_deg)
 
     folder = Path(folder)
@@ -75,6 +79,7 @@ def run_experiment(
     identity = {
         "simrig": simrig.__version__,
         "settings": experiment.as_dict(),
+        "instrument": rig.instrument_facts(),
         "material": fingerprint(truth),
     }
     parts = Checkpoint(folder, identity)
@@ -82,6 +87,7 @@ def run_experiment(
 
     runner = MeasurementRunner(
         truth,
+        rig,
         experiment.measurement,
         experiment.reconstruction.interpolation,
         folder,
@@ -152,7 +158,7 @@ def _reconstruction(
         "method": plan.method,
         "label": plan.label,
         "samples": plan.samples,
-        "plan": plan.layout.describe(),
+        "plan": plan.plan.describe(),
         **subject.record,
         "brdf": errors["brdf"],
         "scenes": {

@@ -12,7 +12,7 @@ import jinja2
 import markupsafe
 
 from simrig.brdf.protocol import Brdf
-from simrig.evaluation.experiment.reconstructions import METHODS, SLICE_METHODS, Subject
+from simrig.evaluation.experiment.reconstructions import LABELS, SLICE_METHODS, Subject
 from simrig.evaluation.report.pictures import brdf_pictures, cost_plots, data_uri, slices_picture
 from simrig.rendering.environment import BUILTIN
 
@@ -36,18 +36,18 @@ def render(
         settings: the experiment as TOML.
     """
     records = {record["key"]: record for record in results["reconstructions"]}
-    by_method = {m: [s for s in subjects if s.plan.method == m] for m in METHODS}
+    by_method = {m: [s for s in subjects if s.plan.method == m] for m in LABELS}
     by_method = {method: own for method, own in by_method.items() if own}
     finest = {own[-1].plan.key: own[-1].brdf for own in by_method.values()}
     rows = results["accuracy_versus_cost"]
     ranking = slice_ranking(rows)
     drawn = by_method[ranking[0]["method"]]
-    measured = [s.measurement for s in drawn if s.measurement is not None]
+    measured = [s.measurement for s in drawn]
     scale = results["experiment"]["rendering"]["difference_scale"]
     context = {
         "r": results,
         "methods": {m: [records[s.plan.key] for s in own] for m, own in by_method.items()},
-        "names": METHODS,
+        "names": LABELS,
         "ranking": ranking,
         "titles": {key: scene_title(scene) for key, scene in results["scenes"].items()},
         "picture": lambda file: data_uri((folder / file).read_bytes()),
@@ -55,7 +55,7 @@ def render(
         "slices": slices_picture(truth, measured[len(measured) // 2]),
         "brdf": brdf_pictures(truth, finest, results["theta_max_deg"], scale),
         "records": records,
-        "plots": cost_plots(rows, METHODS),
+        "plots": cost_plots(rows, LABELS),
         "settings": settings,
     }
     return render_template("report.html", context)

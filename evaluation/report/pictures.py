@@ -14,7 +14,8 @@ from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost
 from simrig.evaluation.metrics.images import difference_image
 from simrig.files.images import to_srgb8
-from simrig.rigs.measurements.slices import Measurement
+from simrig.reconstruction.slices.tables import full_slices
+from simrig.rigs.measurements.measurement import Measurement
 from simrig.viewing.brdf.figure import brdf_figure
 from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture
 from simrig.viewing.plots import CostPoint, accuracy_versus_cost
@@ -40,11 +41,12 @@ def _encoded(image: np.ndarray) -> str:
 
 def slices_picture(truth: Brdf, measurement: Measurement) -> dict[str, Any]:
     """Return the BRDF picture with the slices and samples of a measurement on it."""
+    placement, slice_types = full_slices(measurement)
     return {
         "picture": data_uri(brdf_figure(truth, measurement=measurement, title="")),
         "samples": len(measurement.values),
-        "plan": measurement.placement.describe(),
-        "slice_types": measurement.slice_types,
+        "plan": placement.describe(),
+        "slice_types": slice_types,
     }
 
 

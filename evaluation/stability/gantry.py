@@ -16,7 +16,6 @@ from itertools import pairwise
 import numpy as np
 
 from simrig.brdf.minnaert import fit_minnaert
-from simrig.core.cost import Cost
 from simrig.evaluation.stability.methods import method_row, signals
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.uniform import rbf_row
@@ -25,7 +24,7 @@ from simrig.reconstruction.gantry.brdfs import SubspaceNodes
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import subspaces
 from simrig.reconstruction.transport.grid import displacement, transport_rows
-from simrig.rigs.measurements.directions import DirectionsMeasurement
+from simrig.rigs.measurements.measurement import Measurement
 
 _AZIMUTHS = 8
 _SMALLEST = float(np.nextafter(0.0, 1.0))
@@ -54,7 +53,7 @@ def _spline_rows() -> list[StabilityRow]:
         values = np.repeat(signal(plan.angles())[:, None], 3, axis=1)
         nodes = SubspaceNodes.of(plan.thetas, subspaces(plan, values, _AZIMUTHS), case)
         angles = np.stack([nodes.theta_i, nodes.theta_v, nodes.phi_i, nodes.phi_v], axis=1)
-        samples = DirectionsMeasurement(angles, nodes.values, case, Cost())
+        samples = Measurement(angles, nodes.values, case)
         rows.append(rbf_row(case, "gantry, A", samples, None, True, reciprocal=False))
     return rows
 

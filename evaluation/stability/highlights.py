@@ -77,7 +77,7 @@ def _reconstructed(signal: Signal, degrees: tuple[float, float], slices: int) ->
 
     # one slice of each kind: only the samples where they cross
     count = where.intersections + (0 if slices == 1 else 60)
-    found = sample_adaptively(measure, where, count, slice_types="axial_diagonal")[0]
+    found = sample_adaptively(measure, where, count, slice_types="axial-diagonal")[0]
     return reconstruct_subspace_along_highlights(found, where, "pchip", 360)
 
 

@@ -23,10 +23,12 @@ from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.splines import slice_errors, slice_plans
 from simrig.evaluation.stability.subjects import FAINT, BrdfSubject
 from simrig.plans.adaptive import leave_one_out_errors, sample_adaptively
+from simrig.plans.along_slices import SlicePlan, layout_of
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.measurements.measurement import Measurement
 
 Job = Callable[[], list[StabilityRow]]
 
@@ -62,7 +64,7 @@ def method_jobs(cases: list[HardCase], backend_name: str) -> list[Job]:
                 reconstruction_rows, "cubic", few, backend_name, reconstruct, slice_types, extra
             )
             for reconstruct in (reconstruct, reconstruct_along_highlights)
-            for slice_types, extra in (("axial_diagonal", 400), ("all", 0))
+            for slice_types, extra in (("axial-diagonal", 400), ("all", 0))
         ),
         partial(highlight_rows, signals(), backend_name),
     ]
@@ -201,14 +203,6 @@ def _misplaced(found, samples: int) -> int:
     return abs(len(found.values) - samples) + int(unordered.sum()) + int(outside.sum())
 
 
-class _Measured:
-    """Samples as a reconstruction wants them, with values of our own."""
-
-    def __init__(self, samples, material: str, slice_types: str):
-        self.samples, self.material = samples, material
-        self.placement, self.slice_types = _PLACEMENT, slice_types
-
-
 @dataclass(frozen=True, eq=False)
 class _ReconstructionSubject(BrdfSubject):
     """A reconstruction; formula D.1 cancels, so errors are relative to the largest value."""
@@ -242,7 +236,10 @@ def reconstruction_rows(
     rows = []
     for name, signal in signals().items():
         samples = _measured(signal, _PLACEMENT.intersections + extra, slice_types)
-        brdf = reconstruct(_Measured(samples, name, slice_types), interpolation)
+        own = SlicePlan(_PLACEMENT, len(samples.values), slice_types)
+        layout = layout_of(samples.knots)
+        found = Measurement(samples.angles, samples.values, name, plan=own, layout=layout)
+        brdf = reconstruct(found, interpolation)
         brdf.name = f"{reconstruct.__name__.replace('_', ' ')}, {interpolation}{plan}"
         case = HardCase(name, "all directions of the list", wi, wv)
         precisions = ("numpy-float64", "drjit-float32")

@@ -228,12 +228,15 @@ def _tabulated() -> Iterable[Brdf]:
 
 def small_slices() -> Brdf:
     """Return a material measured and reconstructed along few slices."""
+    from simrig.plans.along_slices import SlicePlan
     from simrig.plans.placement import SlicePlacement
     from simrig.reconstruction.slices.tables import reconstruct
     from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
     placement = SlicePlacement.from_degrees(20.0, 60.0)
-    measurement = Gonioreflectometer().measure(kurt_material("fabric112"), placement, 2000)
+    measurement = Gonioreflectometer().measure(
+        kurt_material("fabric112"), SlicePlan(placement, 2000)
+    )
     return _renamed(reconstruct(measurement), "slices")
 
 

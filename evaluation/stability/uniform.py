@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from simrig.brdf import Brdf, evaluate
-from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.directions.schemes import HemisphereScheme, uniform_scheme
@@ -22,10 +21,10 @@ from simrig.evaluation.stability.judgement import direction_rows
 from simrig.evaluation.stability.methods import method_row, refused_row, signals
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.subjects import FAINT, BrdfSubject
-from simrig.plans.uniform import UniformPlan
-from simrig.reconstruction.scattered.by_name import reconstruct_by_name
+from simrig.methods import METHODS
+from simrig.plans.uniform import RegularGrid
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
-from simrig.rigs.measurements.directions import DirectionsMeasurement
+from simrig.rigs.measurements.measurement import Measurement
 
 _SAMPLES, _QUERIES = 40, 200
 _MERGED = 1e-8  # radians between the samples of the closest case, which are merged
@@ -46,10 +45,10 @@ class _TableSubject(BrdfSubject):
 
 def _measured(
     plan: HemisphereScheme, name: str, signal: Callable[[np.ndarray], np.ndarray]
-) -> DirectionsMeasurement:
+) -> Measurement:
     angles = plan.pair_angles(reciprocal=True)
     values = np.repeat(signal(angles)[:, None], 3, axis=1)
-    return DirectionsMeasurement(angles, values, name, Cost())
+    return Measurement(angles, values, name)
 
 
 def uniform_rows(cases: list[HardCase], backend_name: str) -> list[StabilityRow]:
@@ -62,12 +61,12 @@ def uniform_rows(cases: list[HardCase], backend_name: str) -> list[StabilityRow]
     wi, wv = (np.concatenate([getattr(case, key) for case in cases]) for key in ("wi", "wv"))
     plans = {
         "barycentric": uniform_scheme(3),
-        "regular_grid": UniformPlan(4, 9, float(np.radians(80.0))).scheme(),
+        "regular-grid": RegularGrid(4, 9, float(np.radians(80.0))).scheme(),
     }
     rows = []
     for method, plan in plans.items():
         for name, signal in signals().items():
-            made = reconstruct_by_name(method, _measured(plan, name, signal))
+            made = METHODS[method].reconstruct(_measured(plan, name, signal))
             made.brdf.name = f"reconstruct, {method}"
             case = HardCase(name, "all directions of the list", wi, wv)
             subject = _TableSubject(made.brdf)
@@ -97,10 +96,10 @@ def list_rows(method: str, plan: HemisphereScheme) -> list[StabilityRow]:
         "one sample": (easy.angles[-1:], easy.values[-1:]),
     }
     name, rows = f"reconstruct, {method}", []
-    reference = reconstruct_by_name(method, easy).brdf.data()["values"]
+    reference = METHODS[method].reconstruct(easy).brdf.data()["values"]
     for case, (angles, values) in lists.items():
         try:
-            made = reconstruct_by_name(method, DirectionsMeasurement(angles, values, case, Cost()))
+            made = METHODS[method].reconstruct(Measurement(angles, values, case))
         except SimrigError as error:
             rows.append(refused_row(case, name, error))
             continue
@@ -126,7 +125,7 @@ def _rbf_name(neighbours: int | None, logarithms: bool) -> str:
 def rbf_row(
     case: str,
     name: str,
-    measurement: DirectionsMeasurement,
+    measurement: Measurement,
     neighbours: int | None,
     logarithms: bool,
     reciprocal: bool = True,
@@ -178,7 +177,7 @@ def _at(brdf: Brdf, angles: np.ndarray) -> np.ndarray:
     return evaluate(brdf, to_vector(theta_i, phi_i), to_vector(theta_v, phi_v))
 
 
-def _means_of_repeated(measurement: DirectionsMeasurement) -> np.ndarray:
+def _means_of_repeated(measurement: Measurement) -> np.ndarray:
     """Return the mean of the values of all samples at the same directions (to 1e-4 rad)."""
     wi = to_vector(measurement.theta_i, measurement.phi_i)
     wv = to_vector(measurement.theta_v, measurement.phi_v)
@@ -188,7 +187,7 @@ def _means_of_repeated(measurement: DirectionsMeasurement) -> np.ndarray:
     return same @ measurement.values / same.sum(axis=1, keepdims=True)
 
 
-def hard_samples() -> Iterator[tuple[str, DirectionsMeasurement]]:
+def hard_samples() -> Iterator[tuple[str, Measurement]]:
     """Yield lists of samples that are hard for a linear system, with their names."""
     rng = np.random.default_rng(0)
     theta = rng.uniform(0.1, 1.3, (2, _SAMPLES))
@@ -196,8 +195,8 @@ def hard_samples() -> Iterator[tuple[str, DirectionsMeasurement]]:
     angles = np.concatenate([theta, phi]).T
     value = rng.uniform(0.1, 1.0, (_SAMPLES, 3))
 
-    def make(own: np.ndarray, values: np.ndarray) -> DirectionsMeasurement:
-        return DirectionsMeasurement(own, values, "hard samples", Cost())
+    def make(own: np.ndarray, values: np.ndarray) -> Measurement:
+        return Measurement(own, values, "hard samples")
 
     yield "one sample", make(angles[:1], value[:1])
     yield "two samples", make(angles[:2], value[:2])

@@ -32,6 +32,7 @@ from simrig.evaluation.metrics.images import displayed, psnr_from_mse
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.files.load import load_material
+from simrig.plans.along_slices import SlicePlan, slice_samples
 from simrig.plans.placement import SlicePlacement, SubspacePlacement
 from simrig.reconstruction.slices.highlights import (
     reconstruct_along_highlights,
@@ -97,12 +98,12 @@ def _subspace(
     where = SubspacePlacement(*np.radians([theta_i, theta_v, 360.0 / slices]).tolist())
     samples = 2 * slices * config["samples_per_slice"]
     rig = Gonioreflectometer()
-    found = rig.measure_subspace(material, where, samples)
+    found = slice_samples(rig.measure(material, SlicePlan(where, samples, "axial-diagonal")))
     phi = np.arange(config["pixels"]) * (2.0 * np.pi / config["pixels"])
     phi_i, phi_v = (a.ravel() for a in np.meshgrid(phi, phi, indexing="ij"))
     same = np.ones(len(phi_i))
     angles = np.stack([where.theta_i * same, where.theta_v * same, phi_i, phi_v], axis=1)
-    truth = rig.measure_directions(material, angles)
+    truth = rig.record(material, angles).values
     former, along = (
         _psnr(truth, reconstruct(found, where).eval(phi_i, phi_v))
         for reconstruct in (reconstruct_subspace, reconstruct_subspace_along_highlights)
@@ -127,7 +128,7 @@ def _psnr(truth: np.ndarray, values: np.ndarray) -> float:
 def _whole(material: Brdf, plan: Sequence[float], directions: int) -> dict[str, Any]:
     samples, e_s, a_s = plan
     placement = SlicePlacement.from_degrees(e_s, a_s)
-    measurement = Gonioreflectometer().measure(material, placement, int(samples))
+    measurement = Gonioreflectometer().measure(material, SlicePlan(placement, int(samples)))
     former, along = (
         mre_estimate(material, reconstruct(measurement), directions).percent
         for reconstruct in (reconstruct, reconstruct_along_highlights)

@@ -29,6 +29,7 @@ from simrig.core.cost import stopwatch
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -37,9 +38,9 @@ from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, pl
 # case: (samples, polar angle step, azimuth step, slice types)
 CASES: dict[str, tuple[int, float, float, str]] = {
     "a": (8911, 14.0, 36.0, "all"),
-    "b": (8911, 14.0, 36.0, "axial_diagonal"),
+    "b": (8911, 14.0, 36.0, "axial-diagonal"),
     "c": (18721, 10.0, 36.0, "all"),
-    "d": (18721, 10.0, 36.0, "axial_diagonal"),
+    "d": (18721, 10.0, 36.0, "axial-diagonal"),
 }
 
 # MRE in percent, thesis Table 5.3, in the order of KURT_MATERIALS
@@ -83,7 +84,7 @@ def _row(material: str, case: str, step_deg: float) -> dict[str, Any]:
     samples, e_s, a_s, slice_types = CASES[case]
     truth = kurt_material(material)
     placement = SlicePlacement.from_degrees(e_s, a_s)
-    measurement = Gonioreflectometer().measure(truth, placement, samples, slice_types=slice_types)
+    measurement = Gonioreflectometer().measure(truth, SlicePlan(placement, samples, slice_types))
     elapsed = stopwatch()
     result = reconstruct(measurement)
     seconds = elapsed()

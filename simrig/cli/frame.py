@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
 from simrig.core.errors import SimrigError, unknown_name
@@ -88,11 +88,13 @@ class OneLineErrors(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def command(app: typer.Typer, name: str | None = None) -> Callable[[Callable], Callable]:
+def command(
+    app: typer.Typer, name: str | None = None, cls: type[TyperCommand] = TyperCommand
+) -> Callable[[Callable], Callable]:
     """Return a decorator that makes a function returning a ``Report`` a command of ``app``."""
 
     def register(function: Callable[..., Report]) -> Callable[..., Report]:
-        app.command(name)(_framed(function))
+        app.command(name, cls=cls)(_framed(function))
         return function
 
     return register

@@ -31,6 +31,14 @@ def pareto(
         float | None, typer.Option(help="Advise the fewest hours with an error no worse.")
     ] = None,
     metric: Annotated[str, typer.Option(help="mre (%), dE or psnr (dB).")] = "mre",
+    rig: Annotated[
+        list[str] | None,
+        typer.Option(help="A rig or an instrument file (.toml); may be repeated, one of a kind."),
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(help="Simulate those effects of rigs that it calls for (dE=0.5); none else."),
+    ] = None,
     workers: Annotated[
         int, typer.Option(min=1, help="Processes; more than one need simrig\\[studies].")
     ] = 1,
@@ -53,7 +61,7 @@ def pareto(
     measure = find_metric(metric)
     wished = check_wish(budget_hours, error)
     counts = study.SAMPLES if samples is None else _numbers(samples)
-    config = study.configuration(materials, method or (), counts)
+    config = study.configuration(materials, method or (), counts, rig or (), tolerance)
     folder = output or pareto_folder(config)
     frame.on_interrupt(f"the same command goes on from the finished results in '{folder}'")
     with frame.progress("pareto") as report:

@@ -11,7 +11,6 @@ import typer
 from simrig.cli import frame
 from simrig.cli.assignments import assignments
 from simrig.cli.outputs import output_file, output_folder
-from simrig.cli.schemes import named_scheme
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -184,6 +183,8 @@ def room_command(
         raise SimrigError("--distance takes the place of --distances: leave one of them out")
     if form != "switched" and (distances is not None or distance is not None):
         raise SimrigError(f"--form {form} has no switch: leave out --distances and --distance")
+    from simrig.plans.listed import named_scheme
+
     listed = named_scheme(directions or _ALL_DIRECTIONS)
     names = assignments("--material", "PART=MATERIAL", material)
     with output_file(output, overwrite) as temporary:
@@ -212,6 +213,8 @@ def _measured_now(
         raise SimrigError(
             f"'{material}' is measured: leave out --texels, --directions and --measured"
         )
+    from simrig.plans.listed import named_scheme
+
     scheme = named_scheme(directions or _ALL_DIRECTIONS)
     return {"texels": texels or _TEXELS, "directions": scheme, "folder": folder}
 

@@ -19,8 +19,7 @@ from simrig.mesostructure import PRESETS, Tile, build_tile
 
 if TYPE_CHECKING:
     from simrig.rendering.render import RenderResult
-    from simrig.rigs.measurements.directions import DirectionsMeasurement
-    from simrig.rigs.measurements.slices import Measurement
+    from simrig.rigs.measurements.measurement import Measurement
 
 
 def materials() -> dict[str, str]:
@@ -37,7 +36,7 @@ def materials() -> dict[str, str]:
 
 def load(
     source: str | Path, *, clamp_negative: bool = False
-) -> Brdf | BtfStack | Tile | Measurement | DirectionsMeasurement:
+) -> Brdf | BtfStack | Tile | Measurement:
     """Return a material or a measurement.
 
     Args:
@@ -73,22 +72,19 @@ def _is_hdf5(path: Path) -> bool:
         return file.read(len(hdf5.MAGIC)) == hdf5.MAGIC
 
 
-def load_measurement(path: Path) -> Measurement | DirectionsMeasurement:
+def load_measurement(path: Path) -> Measurement:
     """Read a measurement along slices or of listed directions.
 
     Raises:
         SimrigError: not a measurement, or a damaged one.
     """
-    from simrig.rigs.measurements.directions import CONTENT, DirectionsMeasurement
-    from simrig.rigs.measurements.slices import Measurement
+    from simrig.rigs.measurements.measurement import Measurement
 
-    if hdf5.content_of(path) == CONTENT:
-        return DirectionsMeasurement.load(path)
     return Measurement.load(path)
 
 
 def save(
-    item: Brdf | BtfStack | Measurement | DirectionsMeasurement | RenderResult | np.ndarray,
+    item: Brdf | BtfStack | Measurement | RenderResult | np.ndarray,
     path: str | Path,
     *,
     format: str | None = None,

@@ -4,106 +4,93 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError
 from simrig.front_door.materials import as_brdf, load
-from simrig.plans.auto.plan import AutomaticPlan
-from simrig.plans.placement import optimal_placement
-from simrig.reconstruction.kriging import reconstruct_kriging
-from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
-from simrig.reconstruction.slices.tables import reconstruct as reconstruct_slices
-from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.direct.planning import plan_automatic, plan_rig, with_plan
-from simrig.rigs.measurements.directions import DirectionsMeasurement
-from simrig.rigs.measurements.slices import Measurement
-
-_ALONG_SLICES: dict[str, Callable[[Measurement], Brdf]] = {
-    "slices": reconstruct_slices,
-    "along-highlights": reconstruct_along_highlights,
-}
-_METHODS = (*_ALONG_SLICES, "kriging")
-PLANS = ("slices", "auto")
+from simrig.methods import method as method_named
+from simrig.methods import method_for
+from simrig.plans.protocol import Plan
+from simrig.plans.registry import make_plan
+from simrig.rigs.measurements.measurement import Measurement
+from simrig.rigs.protocol import Rig
+from simrig.rigs.registry import make_rig
 
 
 def measure(
     material: Brdf | str | Path,
-    samples: int = 8911,
+    samples: int | None = None,
     *,
-    plan: str = "slices",
-    until: float | None = None,
+    rig: Rig | str | Path = "gonioreflectometer",
+    plan: Plan | str | None = None,
     tolerance: str | Tolerance | None = DEFAULT_TOLERANCE,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Measurement | DirectionsMeasurement:
-    """Measure a material with the virtual gonioreflectometer.
+    **options: Any,
+) -> Measurement:
+    """Measure a material with a virtual rig.
 
     Args:
         material: a BRDF, its name or its file.
-        samples: distinct direction pairs; they decide how dense the slices lie (thesis Table 5.1).
-        plan: ``slices``, adaptively along slices as the thesis, or ``auto``, which looks first and
-            measures where errors would show (docs/automatic_plan.md).
-        until: of the plan ``auto``: stop when it predicts a picture with this mean ΔE.
+        samples: direction pairs, of which a plan takes what it can at most; by default as many as
+            the plan is made for (8911 along slices).
+        rig: a rig, its name (``gonioreflectometer``, ``gantry``) or an instrument file (.toml).
+        plan: where to measure, or the name of a plan: ``slices``, ``auto``, ``uniform``,
+            ``regular-grid``, ``scheme``, ``gantry``, ``directions``; by default what the rig is
+            made for, of a gonioreflectometer adaptive slices.
         tolerance: chooses the effects of the rig that are simulated, ``dE=0.5`` and the like (see
-            ``plan``); None for an ideal rig without any.
-        checkpoint: file that keeps what is measured so far; an interrupted measurement goes on
+            ``plan``); None for an ideal rig without any. A gantry is always ideal.
+        checkpoint: folder that keeps what is measured so far; an interrupted measurement goes on
             from it with the same result.
         progress: called with the samples done and in total.
+        options: of the plan, such as ``theta_max_deg=70``; see ``simrig measure --help``.
 
     Returns:
-        Directions (n, 4) in radians, values (n, 3) of f_r in 1/sr, the cost, and how it came about.
+        Directions (n, 4) in radians, values (n, 3) of f_r in 1/sr, their uncertainty where it is
+        known, the cost, and how it came about.
 
     Raises:
-        SimrigError: a material that does not load, an unknown plan, too few samples, or values that
-            cannot be.
+        SimrigError: a material that does not load, a plan that cannot be or that the rig cannot
+            measure, or values that cannot be.
 
-    Source: thesis sections 5.3, D.2 and 8.1.
+    Source: thesis sections 5.3 and D.2; docs/methods.md and docs/instruments.md.
     """
-    if plan not in PLANS:
-        raise unknown_name("plan", plan, PLANS)
-    if until is not None and plan != "auto":
-        raise SimrigError("only the plan 'auto' predicts an error to stop at: leave out until")
     brdf = as_brdf(material)
-    device = Gonioreflectometer()
+    device = rig if isinstance(rig, Rig) else make_rig(rig)
+    if isinstance(plan, Plan):
+        if samples is not None or options:
+            raise SimrigError("a plan has its own samples and options: give its name instead")
+        chosen = plan
+    else:
+        chosen = make_plan(plan or device.default_plan, brdf, samples=samples, **options)
     allowed = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
+    if not device.effect_names and tolerance == DEFAULT_TOLERANCE:
+        allowed = None
     kept = None if checkpoint is None else Path(checkpoint)
-    if plan == "auto":
-        chosen = AutomaticPlan(samples, until=until).within(brdf.theta_max)
-        if allowed is not None:
-            device = with_plan(device, plan_automatic(brdf, device, allowed, chosen))
-        return device.measure_plan(brdf, chosen, checkpoint=kept, progress=progress)
-    placement = optimal_placement(samples)
-    if allowed is not None:
-        effects = plan_rig(brdf, device, allowed, placement=placement, samples=samples)
-        device = with_plan(device, effects)
-    return device.measure(brdf, placement, samples, checkpoint=kept, progress=progress)
+    return device.measure(brdf, chosen, tolerance=allowed, checkpoint=kept, progress=progress)
 
 
 def reconstruct(
-    measurement: Measurement | DirectionsMeasurement | str | Path, method: str | None = None
+    measurement: Measurement | str | Path, method: str | None = None, **options: Any
 ) -> Brdf:
     """Reconstruct the whole BRDF from a measurement.
 
     Args:
         measurement: what ``measure`` returned, or its file.
-        method: ``slices`` or ``along-highlights`` of a measurement along slices, ``kriging`` of
-            any; by default slices of the first and kriging of others.
+        method: a name of ``simrig.methods.METHODS``; by default the one that was made for the
+            measurement's plan: ``slices``, ``auto``, ``barycentric``, ``regular-grid`` or
+            ``gantry-b``.
+        options: of the method, such as ``interpolation="pchip"``; see docs/methods.md.
 
     Raises:
         SimrigError: no measurement, an unknown method, or one that cannot use the measurement.
 
-    Source: thesis section D.1; docs/methods.md, docs/automatic_plan.md.
+    Source: docs/methods.md.
     """
-    if method is not None and method not in _METHODS:
-        raise unknown_name("method", method, _METHODS)
+    chosen = None if method is None else method_named(method)
     measured = load(measurement) if isinstance(measurement, str | Path) else measurement
-    if not isinstance(measured, Measurement | DirectionsMeasurement):
-        raise SimrigError(f"a measurement is needed, got {type(measured).__name__}")
-    along_slices = isinstance(measured, Measurement)
-    chosen = method or ("slices" if along_slices else "kriging")
-    if chosen == "kriging":
-        return reconstruct_kriging(measured).brdf
     if not isinstance(measured, Measurement):
-        raise SimrigError(f"'{chosen}' needs a measurement along slices: use the method 'kriging'")
-    return _ALONG_SLICES[chosen](measured)
+        raise SimrigError(f"a measurement is needed, got {type(measured).__name__}")
+    return (chosen or method_for(measured)).reconstruct(measured, **options).brdf

@@ -14,7 +14,7 @@ from simrig.evaluation.studies.engine.run import StudyResults, run_study
 from simrig.evaluation.studies.engine.storage import cell_key
 from simrig.evaluation.studies.pareto import study as pareto_study
 from simrig.files.load import save_material
-from simrig.rigs.measurements.slices import fingerprint
+from simrig.rigs.fingerprint import fingerprint
 
 Progress = Callable[..., None]  # cells done, cells in total, what runs now
 

@@ -6,8 +6,9 @@ in flat arrays, so an iteration is a handful of array operations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -160,6 +161,30 @@ def sample_adaptively(
     measure: Measure,
     placement: SlicePlacement | SubspacePlacement,
     samples: int,
+    **settings: Any,
+) -> list[AdaptiveSamples]:
+    """Measure ``samples`` direction pairs per material along the slices of a placement.
+
+    Args:
+        measure: measures directions: angles (m, 4) and material numbers (m,) to values (m, 3).
+        placement, samples, settings: of ``refinement``.
+
+    Raises:
+        SimrigError: see ``refinement``.
+    """
+    work = refinement(placement, samples, **settings)
+    asked = next(work)
+    while True:
+        values = measure(*asked)
+        try:
+            asked = work.send(values)
+        except StopIteration as end:
+            return end.value
+
+
+def refinement(
+    placement: SlicePlacement | SubspacePlacement,
+    samples: int,
     *,
     materials: int = 1,
     slice_types: str = "all",
@@ -167,18 +192,23 @@ def sample_adaptively(
     p_1: int = 5,
     p_2: int = 5,
     minimum_step: float = MINIMUM_STEP,
-) -> list[AdaptiveSamples]:
-    """Measure ``samples`` direction pairs per material along the slices of a placement.
+) -> Generator[tuple[np.ndarray, np.ndarray], np.ndarray, list[AdaptiveSamples]]:
+    """Yield the directions to measure along the slices of a placement, iteration by iteration.
 
     Args:
-        measure: measures directions: angles (m, 4) and material numbers (m,) to values (m, 3).
         placement: where the slices lie.
         samples: n, the number of distinct physical direction pairs per material.
         materials: how many materials are measured at once.
-        slice_types: ``"all"`` or ``"axial_diagonal"``.
+        slice_types: ``"all"`` or ``"axial-diagonal"``.
         k: share of the samples taken in the first stage, in [0, 1].
         p_1, p_2: iterations in the first and second stage.
         minimum_step: intervals are not halved below this, in radians.
+
+    Yields:
+        Angles (m, 4) and the numbers of their materials (m,); the values (m, 3) are sent back.
+
+    Returns:
+        What was measured, for each material.
 
     Raises:
         SimrigError: fewer samples than intersections, more than the plan can place, or k, p_1,
@@ -204,7 +234,7 @@ def sample_adaptively(
         )
     angles = np.tile(placement.corner_angles(), (materials, 1))
     owner = np.repeat(np.arange(materials), start)
-    values = measure(angles, owner)
+    values = yield angles, owner
     knots = _repeat(knots, materials, start)
     slice_count = len(slices.kind)
     left = [0] * materials
@@ -222,12 +252,14 @@ def sample_adaptively(
         ]
         left = [count - len(c) for count, c in zip(left, chosen, strict=True)]
         pick = np.concatenate(chosen)
+        if len(pick) == 0:
+            continue
         new_angles = slices.angles(slice_index[pick] % slice_count, position[pick])
         new_owner = slice_index[pick] // slice_count
         new_sample = len(values) + np.arange(len(pick))
         angles = np.concatenate([angles, new_angles])
         owner = np.concatenate([owner, new_owner])
-        values = np.concatenate([values, measure(new_angles, new_owner)])
+        values = np.concatenate([values, (yield new_angles, new_owner)])
         knots = knots.insert(index[pick], position[pick], new_sample)
     return [_one_material(m, slice_count, knots, angles, values, owner) for m in range(materials)]
 

@@ -10,15 +10,22 @@ specular highlights) and 6.4.4 (more polar angles and slices).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from simrig.core.errors import SimrigError
+from simrig.core.options import Option
 from simrig.plans.adaptive import Knots
+from simrig.plans.protocol import ListedPlan, Plan
 from simrig.plans.slices import AXIAL, DIAGONAL, PERIODIC
+
+if TYPE_CHECKING:
+    from simrig.brdf.protocol import Brdf
 
 _TURN = 2.0 * np.pi
 # a single axial slice keeps this distance from the plane of incidence (thesis section 6.1.1): the
@@ -47,7 +54,7 @@ class GantrySlice:
 
 
 @dataclass(frozen=True)
-class GantryPlan:
+class GantryPlan(ListedPlan):
     """Slices at every pair of some polar angles; the default is the thesis's with 168 samples.
 
     Several slices of a kind are spread evenly. The axial ones then include the plane of
@@ -62,6 +69,19 @@ class GantryPlan:
         highlights: two more samples 1° beside each specular highlight that a diagonal slice
             crosses, 208 samples with ``lowest_samples`` = 24.
     """
+
+    name: ClassVar[str] = "gantry"
+    about: ClassVar[str] = "one axial and one diagonal slice at each pair of two polar angles"
+    options: ClassVar[tuple[Option, ...]] = (
+        Option(
+            "samples",
+            int,
+            "At most so many: 168 unless given, 84 if isotropic.",
+            least=1,
+            short="-n",
+        ),
+        Option("isotropic", bool, "Diagonal slices alone, half the samples.", False),
+    )
 
     thetas: tuple[float, ...] = (float(np.radians(30.0)), float(np.radians(75.0)))
     axial: int = 1
@@ -85,13 +105,37 @@ class GantryPlan:
         _check_count("samples per slice at the lowest pair", self.lowest_samples, 4, _MOST_SAMPLES)
 
     @classmethod
-    def from_degrees(cls, *thetas_deg: float, **settings: int) -> GantryPlan:
+    def for_material(  # type: ignore[override]
+        cls, material: Brdf | None = None, *, samples: int | None = None, isotropic: bool = False
+    ) -> GantryPlan:
+        """Return the thesis's plan, or the one for some samples (see ``gantry_plan``)."""
+        if samples is None:
+            return cls(axial=0 if isotropic else 1)
+        return gantry_plan(samples, isotropic)
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], angles: np.ndarray) -> Self:
+        """Return the plan of a stored measurement (see ``Plan.restored``)."""
+        return cls(**{**settings, "thetas": tuple(settings["thetas"])})
+
+    def check_layout(self, angles: np.ndarray, layout: Mapping[str, np.ndarray]) -> None:
+        """Refuse directions that are not those of the slices."""
+        if len(angles) != self.samples or not np.allclose(angles, self.angles(), atol=1e-9):
+            raise SimrigError("its directions are not those of its plan")
+
+    @classmethod
+    def from_degrees(cls, *thetas_deg: float, **settings: int) -> Self:
         """Return the plan for polar angles in degrees; settings as the fields of the class.
 
         Raises:
             SimrigError: for polar angles or numbers that do not fit (see the class).
         """
         return cls(tuple(np.radians(thetas_deg).tolist()), **settings)  # type: ignore[arg-type]
+
+    @property
+    def theta_max(self) -> float:
+        """The largest polar angle in radians."""
+        return self.thetas[-1]
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -163,6 +207,31 @@ class GantryPlan:
             f"polar angles {thetas}; {self.axial} axial and {self.diagonal} diagonal slices "
             f"per subspace, {self.samples} samples"
         )
+
+
+class MeasuredByGantry(Protocol):
+    """What is read of a measurement by a gantry's plan (``simrig.rigs.measurements``)."""
+
+    @property
+    def plan(self) -> Plan: ...
+    @property
+    def values(self) -> np.ndarray: ...
+    @property
+    def material(self) -> str: ...
+
+
+def measured_plan(measurement: MeasuredByGantry) -> GantryPlan:
+    """Return the plan of a measurement along the slices of a gantry.
+
+    Raises:
+        SimrigError: it was measured by another plan.
+    """
+    if not isinstance(measurement.plan, GantryPlan):
+        raise SimrigError(
+            f"the measurement of '{measurement.material}' has no slices of a gantry, its plan is "
+            f"'{measurement.plan.name}': measure with the plan 'gantry'"
+        )
+    return measurement.plan
 
 
 def gantry_plan(samples: int, isotropic: bool = False) -> GantryPlan:

@@ -226,6 +226,11 @@ class SubspacePlacement:
         return (1, 1) if self.theta_i == self.theta_v else (1, 2)
 
     @property
+    def theta_max(self) -> float:
+        """The larger polar angle in radians."""
+        return max(self.theta_i, self.theta_v)
+
+    @property
     def intersections(self) -> int:
         """The number of distinct physical direction pairs where slices cross."""
         a_n = self.azimuth_count
@@ -253,13 +258,13 @@ class SubspacePlacement:
         phi = (k - j) * half, (k + j) * half
         return np.stack([self.theta_i * same, self.theta_v * same, *phi], axis=1)
 
-    def slices(self, slice_types: str = "axial_diagonal") -> Slices:
+    def slices(self, slice_types: str = "axial-diagonal") -> Slices:
         """Return every distinct slice with its intersections.
 
         Raises:
             SimrigError: for horizontal slices, which leave the subspace.
         """
-        if slice_types != "axial_diagonal":
-            raise SimrigError("a subspace has only axial and diagonal slices ('axial_diagonal')")
+        if slice_types != "axial-diagonal":
+            raise SimrigError("a subspace has only axial and diagonal slices ('axial-diagonal')")
         theta = (self.theta_i, self.theta_v)
         return pair_slices(self.pair, theta, self.corner_samples())

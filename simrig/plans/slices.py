@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from simrig.plans.placement import SlicePlacement
 
 AXIAL, DIAGONAL, CIRCLE, HORIZONTAL = range(4)
-SLICE_TYPES = ("all", "axial_diagonal")
+SLICE_TYPES = ("all", "axial-diagonal")
 
 # what lies beyond the two ends of a slice
 PERIODIC, MIRRORED, OPEN = range(3)
@@ -61,7 +61,7 @@ def build_slices(placement: SlicePlacement, slice_types: str = "all") -> Slices:
 
     Args:
         placement: where the slices lie.
-        slice_types: ``"all"`` or ``"axial_diagonal"`` (no horizontal slices).
+        slice_types: ``"all"`` or ``"axial-diagonal"`` (no horizontal slices).
 
     Raises:
         SimrigError: for unknown slice types.

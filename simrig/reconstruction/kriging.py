@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
 from simrig.directions.spherical import to_vector
 from simrig.plans.auto.findings import findings_of, has_findings
-from simrig.reconstruction.scattered.by_name import Reconstructed
+from simrig.reconstruction.result import Reconstructed
 
 _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 600_000  # at most
 _NODES_PER_SAMPLE = 60
@@ -43,22 +43,21 @@ class AnyMeasurement(Protocol):
     @property
     def values(self) -> np.ndarray: ...
     @property
-    def provenance(self) -> Mapping[str, Any]: ...
+    def layout(self) -> Mapping[str, np.ndarray]: ...
 
 
 def reconstruct_kriging(measurement: AnyMeasurement) -> Reconstructed:
     """Return the table that kriging makes of a measurement.
 
     Args:
-        measurement: samples at any directions; ``provenance["found"]`` is what its plan found.
+        measurement: samples at any directions; ``layout`` is what its plan found.
 
     Raises:
         SimrigError: fewer than two samples.
     """
     samples = samples_of(measurement)
-    found = {k: np.array(v) for k, v in measurement.provenance.get("found", {}).items()}
-    if has_findings(found):
-        findings = findings_of(found)
+    if has_findings(measurement.layout):
+        findings = findings_of(measurement.layout)
         model = fit_model(samples, findings.symmetry, final=True)
         said = [findings.why(), f"predicted ΔE {findings.predicted_delta_e:.2g}"]
     else:

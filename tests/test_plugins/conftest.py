@@ -22,6 +22,7 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.core.arrays import Array, components, vector
 from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -63,7 +64,7 @@ def slices(seed: int = 1) -> SliceBrdf:
     """Return a coarse reconstruction of a built-in material, for example number 1."""
     material = kurt_material(("yellow_satin", "fabric112", "wood01")[seed])
     placement = SlicePlacement.from_degrees(40.0, 90.0)
-    return reconstruct(Gonioreflectometer().measure(material, placement, 300))
+    return reconstruct(Gonioreflectometer().measure(material, SlicePlan(placement, 300)))
 
 
 def narrow(m_x: float, m_y: float) -> Kurt:

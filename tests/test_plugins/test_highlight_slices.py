@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simrig.brdf import kurt_material
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
@@ -18,7 +19,9 @@ from simrig.scenes import build_scene
 def reconstructed():
     placement = SlicePlacement.from_degrees(20, 60)
     material = kurt_material("fabric112")
-    return reconstruct_along_highlights(Gonioreflectometer().measure(material, placement, 2200))
+    return reconstruct_along_highlights(
+        Gonioreflectometer().measure(material, SlicePlan(placement, 2200))
+    )
 
 
 @pytest.mark.parametrize("view_deg", [(0.0, 0.0), (30.0, 200.0), (85.0, 110.0)])

@@ -19,8 +19,8 @@ from simrig.brdf.tables.rbf import RbfBrdf
 from simrig.core import backend
 from simrig.directions import to_onion, to_vector
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
-from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct
-from simrig.rigs.measurements.directions import DirectionsMeasurement
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.measurements.measurement import Measurement
 
 STEP_DEG = 2.0
 PAIRS = (41 * 180) ** 2
@@ -58,7 +58,7 @@ def _indices(count: int) -> np.ndarray:
     return np.stack([theta, phi], axis=1)
 
 
-def slice_jobs(measurement: SliceMeasurement, along: Brdf, part: int) -> list[Job]:
+def slice_jobs(measurement: Measurement, along: Brdf, part: int) -> list[Job]:
     """Return the jobs of slices: ours, the same look-up in NumPy, and along highlights."""
     slices, kind = reconstruct(measurement), backend.types("float32").Float
     (theta_i, phi_i), (theta_v, phi_v) = np.radians(STEP_DEG) * _indices(part)
@@ -85,8 +85,8 @@ def grid_jobs(table: DenseTable, part: int) -> list[Job]:
     angles = np.radians(STEP_DEG) * _indices(part)
     points = angles.swapaxes(0, 1).reshape(4, -1).T  # theta_i, theta_v, phi_i, phi_v
     return [
-        Job("regular_grid", "simrig, look-ups", lambda: evaluate(table, wi, wv, kind), part),
-        Job("regular_grid", "SciPy", lambda: scipy(points), part),
+        Job("regular-grid", "simrig, look-ups", lambda: evaluate(table, wi, wv, kind), part),
+        Job("regular-grid", "SciPy", lambda: scipy(points), part),
     ]
 
 
@@ -100,7 +100,7 @@ def _padded(values: np.ndarray, theta_step: float) -> tuple[tuple, np.ndarray]:
     return (theta, theta, phi, phi), wrapped.astype(np.float64)
 
 
-def barycentric_jobs(measurement: DirectionsMeasurement) -> list[Job]:
+def barycentric_jobs(measurement: Measurement) -> list[Job]:
     """Return the jobs of barycentric interpolation, ours and SciPy's."""
     brdf = reconstruct_barycentric(measurement)
 
@@ -144,9 +144,9 @@ def global_jobs(brdf: RbfBrdf, scipy: RBFInterpolator, part: int) -> list[Job]:
         return evaluate(brdf, few_i, few_v)
 
     return [
-        Job("rbf_global", "simrig", ours, len(wi), of),
-        Job("rbf_global", "NumPy", host, few, of),
-        Job("rbf_global", "SciPy", lambda: scipy(points), few, of),
+        Job("rbf-global", "simrig", ours, len(wi), of),
+        Job("rbf-global", "NumPy", host, few, of),
+        Job("rbf-global", "SciPy", lambda: scipy(points), few, of),
     ]
 
 
@@ -157,4 +157,4 @@ def local_jobs(brdf: RbfBrdf, part: int) -> list[Job]:
     def host() -> np.ndarray:
         return evaluate(brdf, wi, wv)
 
-    return [Job("rbf_local", "SciPy", host, len(wi), RECIPROCAL_PAIRS)]
+    return [Job("rbf-local", "SciPy", host, len(wi), RECIPROCAL_PAIRS)]

@@ -28,8 +28,7 @@ from simrig.evaluation.benchmarks.whole_array.jobs import (
     slice_jobs,
 )
 from simrig.evaluation.metrics.mre import mre_estimate
-from simrig.plans.placement import optimal_placement
-from simrig.plans.uniform import largest_uniform_scheme, uniform_plan
+from simrig.plans.registry import make_plan
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
 from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 
 MATERIAL = "fabric112"
 SAMPLES = 8911
-THESIS_SECONDS = {"slices": 240.0, "barycentric": 45.0, "rbf_global": 1320.0}
+THESIS_SECONDS = {"slices": 240.0, "barycentric": 45.0, "rbf-global": 1320.0}
 _ESTIMATE = 20_000  # direction pairs of the error's estimate
 
 
@@ -67,9 +66,9 @@ def run(
         ``mre_percent`` and ``samples`` by method.
     """
     truth, rig = kurt_material(MATERIAL), Gonioreflectometer()
-    along = rig.measure(truth, optimal_placement(samples), samples)
-    uniform = rig.measure_scheme(truth, largest_uniform_scheme(samples))
-    regular = rig.measure_scheme(truth, uniform_plan(samples, np.radians(80.0)).scheme())
+    along = rig.measure(truth, make_plan("slices", truth, samples=samples))
+    uniform = rig.measure(truth, make_plan("uniform", truth, samples=samples))
+    regular = rig.measure(truth, make_plan("regular-grid", truth, samples=samples))
     table_of_grid = reconstruct_regular_grid(regular)
     highlights = reconstruct_along_highlights(along)
     elapsed = stopwatch()
@@ -87,11 +86,11 @@ def run(
         "slices": reconstruct(along),
         "along-highlights": highlights,
         "barycentric": reconstruct_barycentric(uniform),
-        "regular_grid": table_of_grid,
-        "rbf_global": one,
-        "rbf_local": local,
+        "regular-grid": table_of_grid,
+        "rbf-global": one,
+        "rbf-local": local,
     }
-    counts = {"slices": samples, "along-highlights": samples, "regular_grid": len(regular.values)}
+    counts = {"slices": samples, "along-highlights": samples, "regular-grid": len(regular.values)}
     return {
         "benchmark": "whole-array",
         "material": MATERIAL,
@@ -143,7 +142,7 @@ def table(results: dict[str, Any]) -> Any:
             ]
         )
     for name, seconds in results["fit_seconds"].items():
-        rows.append([f"rbf_global, its fit by {name}", f"{seconds:,.1f}", "", "", "", "", ""])
+        rows.append([f"rbf-global, its fit by {name}", f"{seconds:,.1f}", "", "", "", "", ""])
     title = f"41×41×180×180 RGB array of {results['material']}, median of {results['rounds']}"
     columns = ["method", "whole array [s]", "extrapolated from", "first call [s]"]
     return text_table(title, [*columns, "thesis [s]", "samples", "MRE [%]"], rows)

@@ -54,13 +54,13 @@ from simrig.reconstruction.gantry.texels import texel_method
 from simrig.rendering.render import display_exposure, render
 from simrig.rigs.btf.kept import kept_btf
 from simrig.rigs.btf.rig import btf_angles, measure_btf, stack_bytes
-from simrig.rigs.timing import GANTRY_TIMING, UTIA_TIMING
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.gantry.rig import Gantry
 from simrig.scenes import build_scene
 from simrig.scenes.stimuli import CYLINDER_HEIGHT, CYLINDER_RADIUS
 
 _CIRCUMFERENCE = 2.0 * np.pi * CYLINDER_RADIUS
 _PLAN = GantryPlan()
-_GANTRY_SECONDS = GANTRY_TIMING.seconds(len(_PLAN.thetas), _PLAN.axial + _PLAN.diagonal)
 _ENLARGED = 3  # of texels in pictures
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -141,7 +141,7 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
         {
             **about,
             "method": ALL,
-            **_costs(truth, truth, UTIA_TIMING.seconds(len(truth), adaptive=False)),
+            **_costs(truth, truth, Gonioreflectometer().timing.seconds(len(truth), adaptive=False)),
             **_image_errors(truth, drawn, again, np.arange(len(again))),
         },
         picture_row(ALL, to_srgb8(reference, exposure)),
@@ -156,7 +156,7 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
             {
                 **about,
                 "method": method,
-                **_costs(images, reconstructed, _GANTRY_SECONDS),
+                **_costs(images, reconstructed, Gantry().seconds(_PLAN, _PLAN.angles())),
                 "reconstruction_seconds": seconds,
                 **_errors(reference, found, exposure, mask),
                 **_image_errors(truth, drawn, reconstructed, drawn),

@@ -35,6 +35,7 @@ from simrig.evaluation.studies.gantry.trials import (
     mean_errors,
 )
 from simrig.plans.gantry import GantryPlan
+from simrig.plans.listed import SchemePlan
 from simrig.reconstruction.gantry.brdfs import METHODS
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -88,7 +89,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 def _uniform(
     truth: Brdf, picture: Picture, table: Mapping[str, Any], logarithms: bool
 ) -> dict[str, Any]:
-    measurement = Gonioreflectometer().measure_scheme(truth, thirteen(), reciprocal=False)
+    measurement = Gonioreflectometer().measure(truth, SchemePlan.of(thirteen(), reciprocal=False))
     elapsed = stopwatch()
     spline = reconstruct_rbf(measurement, reciprocal=False, logarithms=logarithms)
     result = resample_dense(

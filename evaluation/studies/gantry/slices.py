@@ -23,7 +23,7 @@ from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.gantry.polar_angles import ANISOTROPIC
 from simrig.evaluation.studies.gantry.trials import Picture, gantry_trial, mean_errors
 from simrig.plans.gantry import GantryPlan
-from simrig.rigs.timing import STEADY_GANTRY_TIMING
+from simrig.rigs.registry import make_rig
 from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure
 
 ALL = 24  # slices of each kind that meet every sample of the grid
@@ -84,7 +84,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         kurt_material(cell["material"]),
         plan,
         Picture.of(config),
-        timing=STEADY_GANTRY_TIMING,
+        rig=make_rig("steady-gantry"),
         method=config["method"],
         combination=cell["combination"],
         **config["table"],

@@ -19,7 +19,7 @@ from simrig.evaluation.metrics import images as metrics
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.rigs.gantry.rig import Gantry
-from simrig.rigs.timing import GANTRY_TIMING, GantryTiming
+from simrig.rigs.protocol import Rig
 from simrig.viewing.brdf.picture import brdf_exposure, brdf_picture
 
 ERRORS: dict[str, str] = {
@@ -70,7 +70,7 @@ def gantry_trial(
     plan: GantryPlan,
     picture: Picture,
     *,
-    timing: GantryTiming = GANTRY_TIMING,
+    rig: Rig | None = None,
     **reconstruction: Any,
 ) -> dict[str, Any]:
     """Return errors and cost of one plan and method as a row.
@@ -79,10 +79,10 @@ def gantry_trial(
         truth: the material.
         plan: what is measured.
         picture: where errors are taken.
-        timing: of the hardware.
+        rig: by default the one of the thesis.
         reconstruction: arguments of ``reconstruct_gantry``.
     """
-    measurement = Gantry(timing).measure(truth, plan)
+    measurement = (rig or Gantry()).measure(truth, plan)
     elapsed = stopwatch()
     result = reconstruct_gantry(measurement, **reconstruction)
     seconds = elapsed()

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.protocol import Brdf
+from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
@@ -28,10 +29,12 @@ from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.pareto.choice import summarise_rows
 from simrig.evaluation.studies.pareto.shown import plots, table
 from simrig.files.load import load_material
-from simrig.methods import LARGEST_THETA_DEG, METHODS, method
+from simrig.instruments.description import described
+from simrig.methods import METHODS, method
+from simrig.plans.protocol import LARGEST_THETA_DEG
 from simrig.rendering.render import timed
-from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.rigs.measurements.slices import fingerprint
+from simrig.rigs.fingerprint import fingerprint
+from simrig.rigs.registry import find_description, rig_of
 
 SAMPLES: tuple[int, ...] = (168, 435, 1000, 2000, 4000, 8911)
 
@@ -41,6 +44,8 @@ _STUDIED: dict[str, Any] = {
     "pixels": 64,
     "lights": 16,
     "seed": 0,
+    "instruments": [],  # in the place of those that come with simrig
+    "rig_tolerance": None,  # of the effects of rigs; None simulates none
 }
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
@@ -50,9 +55,9 @@ PRESETS: dict[str, dict[str, Any]] = {
             "slices",
             "along-highlights",
             "barycentric",
-            "rbf_local",
-            "regular_grid",
-            "gantry_b",
+            "rbf-local",
+            "regular-grid",
+            "gantry-b",
         ],
         "samples": [168, 435, 2000, 8911],
     },
@@ -66,7 +71,11 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 def configuration(
-    materials: Sequence[str], methods: Sequence[str] = (), samples: Sequence[int] = SAMPLES
+    materials: Sequence[str],
+    methods: Sequence[str] = (),
+    samples: Sequence[int] = SAMPLES,
+    rigs: Sequence[str] = (),
+    tolerance: str | None = None,
 ) -> dict[str, Any]:
     """Return the configuration for materials, checked.
 
@@ -74,14 +83,27 @@ def configuration(
         materials: names or files.
         methods: keys of ``METHODS``; all of them when none is given.
         samples: wished numbers of samples.
+        rigs: names or instrument files, at most one of each kind, for the methods that are measured
+            by this kind; the others are measured by those that come with simrig.
+        tolerance: of the effects that rigs simulate; none are simulated without it.
 
     Raises:
-        SimrigError: no or unknown materials or methods, no samples, or fewer than one.
+        SimrigError: no or unknown materials or methods, no samples, or fewer than one; two rigs of
+            a kind, or one that no method is measured by.
     """
     if not materials or not samples or min(samples) < 1:
         raise SimrigError("at least one material and one number of samples above 0 are needed")
     names = list(dict.fromkeys(materials))
     chosen = [method(name).name for name in dict.fromkeys(methods)] or list(METHODS)
+    instruments = [find_description(rig) for rig in rigs]
+    kinds = [one.instrument.kind for one in instruments]
+    for kind in kinds:
+        if kinds.count(kind) > 1:
+            raise SimrigError(f"two rigs are of kind '{kind}': give one of each kind")
+        if kind not in {METHODS[name].rig for name in chosen}:
+            raise SimrigError(f"none of the methods is measured by a rig of kind '{kind}'")
+    for one in instruments:
+        rig_of(one)  # numbers that contradict each other are refused before anything is measured
     return {
         **_STUDIED,
         "materials": names,
@@ -89,6 +111,8 @@ def configuration(
         "fingerprints": [fingerprint(load_material(name)) for name in names],
         "methods": chosen,
         "samples": sorted(set(samples)),
+        "instruments": [one.model_dump(mode="json") for one in instruments],
+        "rig_tolerance": None if tolerance is None else str(parse_tolerance(tolerance)),
     }
 
 
@@ -113,7 +137,13 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     truth, picture = _subject(cell["material"], config["pixels"], config["lights"])
     try:
         with timed() as clock:
-            made = METHODS[cell["method"]].run(Gonioreflectometer(), truth, cell["wished"])
+            allowed = config["rig_tolerance"]
+            made = METHODS[cell["method"]].run(
+                truth,
+                cell["wished"],
+                [rig_of(described(table)) for table in config["instruments"]],
+                None if allowed is None else parse_tolerance(allowed),
+            )
     except SimrigError as refused:
         return [{"refused": str(refused)}]
     step = config["grid_step_deg"]

@@ -35,6 +35,7 @@ from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.material_sets import material_sets
 from simrig.evaluation.studies.placement.choice import summarise_rows
 from simrig.evaluation.studies.placement.shown import plots, table
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -87,12 +88,9 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     """
     steps = cell["theta_step_deg"], cell["azimuth_step_deg"], config["theta_max_deg"]
     truths = [kurt_material(name) for name in config["materials"]]
-    found = Gonioreflectometer().measure_many(
-        truths,
-        SlicePlacement.from_degrees(*steps),
-        cell["samples"],
-        slice_types=config["slice_types"],
-    )
+    placement = SlicePlacement.from_degrees(*steps)
+    plan = SlicePlan(placement, cell["samples"], config["slice_types"])
+    found = Gonioreflectometer().measure_many(truths, plan)
     rows = []
     for name, measurement in zip(config["materials"], found, strict=True):
         elapsed = stopwatch()
@@ -127,7 +125,7 @@ def _estimator(
     """Return what estimates the errors of one material, made once per process."""
     truth, (e_s, a_s, samples) = kurt_material(name), _PILOT
     placement = SlicePlacement.from_degrees(min(e_s, theta_max_deg), a_s, theta_max_deg)
-    pilot = reconstruct(Gonioreflectometer().measure(truth, placement, samples))
+    pilot = reconstruct(Gonioreflectometer().measure(truth, SlicePlan(placement, samples)))
     return SharedMre(truth, pilot, directions, AngularGrid(grid_step_deg, theta_max_deg), seed)
 
 

@@ -36,7 +36,6 @@ from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.material_sets import material_sets
 from simrig.evaluation.studies.table_5_2.shown import plots, table
 from simrig.methods import method
-from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 # error of the method over that of the slices, thesis Table 5.2, in the order of KURT_MATERIALS
 PUBLISHED: dict[str, tuple[float, ...]] = {
@@ -82,11 +81,11 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         registry, the MRE and its standard error in percent, the directions that it comes from,
         and the cost.
     """
-    truth, rig = kurt_material(cell["material"]), Gonioreflectometer()
+    truth = kurt_material(cell["material"])
     samples = uniform_scheme(cell["scheme"]).reciprocal_count
     rows = []
     for name in ("slices", "barycentric", *_splines(config, samples)):
-        made = method(name).run(rig, truth, samples)
+        made = method(name).run(truth, samples)
         error = mre_estimate(
             truth,
             made.brdf,
@@ -98,7 +97,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
         )
         rows.append(
             {
-                "kind": name.split("_")[0],
+                "kind": name.split("-")[0],
                 "method": name,
                 "samples": made.samples,
                 "mre_percent": error.percent,
@@ -117,7 +116,7 @@ def _splines(config: Config, samples: int) -> list[str]:
     """Return the radial basis functions for a number of samples; both at the largest global one."""
     counts = [uniform_scheme(scheme).reciprocal_count for scheme in config["schemes"]]
     last = max((n for n in counts if n <= config["global_up_to"]), default=0)
-    return ["rbf_global"] * (samples <= last) + ["rbf_local"] * (samples >= last)
+    return ["rbf-global"] * (samples <= last) + ["rbf-local"] * (samples >= last)
 
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
@@ -197,9 +196,9 @@ def _both_splines(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Return the errors of both splines where a scheme has both."""
     by = {(row["material"], row["samples"], row["method"]): row["mre_percent"] for row in rows}
     return [
-        {"material": name, "samples": n, "global": error, "local": by[name, n, "rbf_local"]}
+        {"material": name, "samples": n, "global": error, "local": by[name, n, "rbf-local"]}
         for (name, n, which), error in by.items()
-        if which == "rbf_global" and (name, n, "rbf_local") in by
+        if which == "rbf-global" and (name, n, "rbf-local") in by
     ]
 
 

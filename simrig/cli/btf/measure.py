@@ -22,12 +22,11 @@ from simrig.cli.btf.files import (
 )
 from simrig.cli.effect_options import plan_table
 from simrig.cli.outputs import output_file
-from simrig.cli.schemes import named_scheme
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    import numpy as np
+    pass
 
 _DIRECTIONS, _GANTRY = "81x81", "gantry"
 
@@ -85,6 +84,7 @@ def measure(
     from simrig.core.effects import DEFAULT_TOLERANCE, parse_tolerance
     from simrig.mesostructure import build_tile
     from simrig.plans.gantry import GantryPlan
+    from simrig.plans.listed import named_scheme, read_pairs
     from simrig.rigs.btf.bounces import plan_bounces
     from simrig.rigs.btf.rig import (
         btf_angles,
@@ -99,7 +99,7 @@ def measure(
     if pairs is not None:
         if directions is not None:
             raise SimrigError("--pairs takes the place of --directions: leave one of them out")
-        listed = _listed(pairs)
+        listed = read_pairs(pairs)
     elif directions == _GANTRY:
         listed = GantryPlan().angles()
     else:
@@ -153,28 +153,6 @@ def measure(
             *([] if plan is None else [plan_table(plan, f"orders at {allowed}")]),
         ],
     )
-
-
-def _listed(path: Path) -> np.ndarray:
-    """Return the pairs of a text file, (n, 4) radians."""
-    import numpy as np
-
-    try:
-        text = path.read_text().replace(",", " ").replace(";", " ")
-        listed = np.radians([[float(word) for word in line.split()] for line in _rows(text)])
-    except ValueError:
-        listed = np.empty(0)
-    if listed.ndim != 2 or listed.shape[1] != 4:
-        raise SimrigError(
-            f"'{path}' is no list of pairs: four angles in degrees a line, theta_i, theta_v, "
-            "phi_i, phi_v"
-        )
-    return listed
-
-
-def _rows(text: str) -> list[str]:
-    rows = (line.split("#")[0].strip() for line in text.splitlines())
-    return [row for row in rows if row]
 
 
 def _number(text: str) -> int:

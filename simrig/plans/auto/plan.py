@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,11 +15,17 @@ from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
 from simrig.brdf.kriging.predicted import predicted_delta_e
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.core.errors import SimrigError
+from simrig.core.options import Option
 from simrig.directions.spherical import to_angles
 from simrig.plans.auto.batches import next_batch, travel_order
 from simrig.plans.auto.description import describe
-from simrig.plans.auto.findings import layout_of
+from simrig.plans.auto.findings import findings_of, layout_of
 from simrig.plans.auto.pilot import Pilot, pilot_pairs
+from simrig.plans.listed import Directions
+from simrig.plans.protocol import Batches, Plan
+
+if TYPE_CHECKING:
+    from simrig.brdf.protocol import Brdf
 
 LEAST_SAMPLES = 16
 LARGEST_THETA_I_DEG, LARGEST_THETA_V_DEG = 88.0, 85.0
@@ -29,6 +35,7 @@ _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
 _EVEN = {True: 0.1, False: 0.5}  # of the candidates, isotropic or not
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
+_PROBED = 512  # pairs that pictures show, for the bounds of effects
 _CLEARLY = 0.9  # another symmetry must predict this much better
 
 # yields (n, 4) theta_i, theta_v, phi_i, phi_v in radians, and is sent (n, 3) values of f_r
@@ -36,7 +43,7 @@ Asked = Generator[np.ndarray, np.ndarray, KrigingModel]
 
 
 @dataclass(frozen=True)
-class AutomaticPlan:
+class AutomaticPlan(Plan):
     """Looks first, then measures where it shows.
 
     Attributes:
@@ -49,6 +56,15 @@ class AutomaticPlan:
     Raises:
         SimrigError: too few samples, or numbers that cannot be.
     """
+
+    name: ClassVar[str] = "auto"
+    about: ClassVar[str] = "looks first, then measures where errors would show"
+    adaptive: ClassVar[bool] = True
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("samples", int, "At most so many.", 1000, least=1, short="-n"),
+        Option("until", float, "Stop where this mean ΔE is predicted; takes all else.", least=0.0),
+        Option("plan_seed", int, "Of the directions.", 0, least=0),
+    )
 
     samples: int
     theta_i_max: float = float(np.radians(LARGEST_THETA_I_DEG))
@@ -69,6 +85,42 @@ class AutomaticPlan:
             if not 0.0 < theta < 0.5 * np.pi:
                 raise SimrigError("the largest theta of a plan must lie between 0 and 90 degrees")
 
+    @classmethod
+    def for_material(  # type: ignore[override]
+        cls,
+        material: Brdf | None = None,
+        *,
+        samples: int = 1000,
+        until: float | None = None,
+        plan_seed: int = 0,
+    ) -> AutomaticPlan:
+        """Return the plan for a material, within its data (see the class)."""
+        plan = cls(samples, until=until, seed=plan_seed)
+        return plan if material is None else plan.within(material.theta_max)
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], angles: np.ndarray) -> Self:
+        """Return the plan of a stored measurement (see ``Plan.restored``)."""
+        given = settings["assumed"]
+        assumed = None if given is None else Symmetry.from_dict(given)
+        return cls(**{**settings, "assumed": assumed})
+
+    def check_layout(self, angles: np.ndarray, layout: Mapping[str, np.ndarray]) -> None:
+        """Refuse what are no findings (see ``simrig.plans.auto.findings``)."""
+        findings_of(layout)
+
+    @property
+    def theta_max(self) -> float:
+        """The largest polar angle in radians."""
+        return max(self.theta_i_max, self.theta_v_max)
+
+    def probe(self, most: int) -> Plan:
+        """Return the pilot and pairs that pictures show, from which batches are taken."""
+        pilot = self.pilot()
+        shown = displayed_pairs(_PROBED, self.theta_i_max, self.theta_v_max)
+        sides = (np.concatenate(pair) for pair in zip((pilot.wi, pilot.wv), shown, strict=True))
+        return Directions(_angles(*sides))
+
     def within(self, theta_max: float) -> AutomaticPlan:
         """Return the plan for a material or an instrument that ends at ``theta_max``, radians."""
         return replace(
@@ -83,15 +135,11 @@ class AutomaticPlan:
         goal = "" if self.until is None else f", until ΔE = {self.until:g} is predicted"
         return f"automatic, theta_i to {i:.3g}°, theta_v to {v:.3g}°{goal}"
 
-    def settings(self) -> dict[str, Any]:
-        """Return plain values from which the plan is restored."""
-        return asdict(self)
-
     def pilot(self) -> Pilot:
         """Return the pilot in the order of measurement."""
         return pilot_pairs(self.samples, self.theta_i_max, self.theta_v_max, self.seed)
 
-    def batches(self) -> Generator[np.ndarray, Any, dict[str, np.ndarray]]:
+    def batches(self) -> Batches:
         """Yield the pilot, then batch after batch where errors would show.
 
         Yields (n, 4) angles, is sent what has ``values`` (n, 3), and returns what was found (see

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError, unknown_name
-from simrig.plans.gantry import GantryPlan
+from simrig.plans.gantry import MeasuredByGantry, measured_plan
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
 from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
@@ -42,17 +41,6 @@ RBF_AZIMUTHS = 24  # of the nodes of method A: 15°, the thesis's
 MOST_GLOBAL_NODES = 6000  # of one system: three polar angles
 
 
-class GantrySamples(Protocol):
-    """What a reconstruction needs of a measurement."""
-
-    @property
-    def plan(self) -> GantryPlan: ...
-    @property
-    def values(self) -> np.ndarray: ...
-    @property
-    def material(self) -> str: ...
-
-
 @dataclass(frozen=True)
 class GantryReconstruction:
     """A reconstructed BRDF and what has to be said about it.
@@ -67,7 +55,7 @@ class GantryReconstruction:
 
 
 def reconstruct_gantry(
-    measurement: GantrySamples,
+    measurement: MeasuredByGantry,
     method: str = "b",
     *,
     theta_step_deg: float = 7.5,
@@ -79,7 +67,7 @@ def reconstruct_gantry(
     """Return the BRDF that the slices of a gantry give.
 
     Args:
-        measurement: what a gantry recorded (``simrig.rigs.gantry.rig.GantryMeasurement``).
+        measurement: what was recorded by a ``GantryPlan``.
         method: of ``METHODS``.
         theta_step_deg: largest step of the table's polar angles; the table ends at the highest
             measured polar angle and holds its values beyond.
@@ -105,7 +93,7 @@ def reconstruct_gantry(
         )
     if method == "bd" and transport != "circle":
         transport_library()
-    plan = measurement.plan
+    plan = measured_plan(measurement)
     known = np.array(plan.thetas)
     wanted = _thetas(known[-1], theta_step_deg)
     combination = combination or default_combination(plan)
@@ -160,10 +148,10 @@ class SubspaceNodes:
 
 
 def _by_rbf(
-    measurement: GantrySamples, wanted: np.ndarray, azimuths: int, settings: tuple[str, str]
+    measurement: MeasuredByGantry, wanted: np.ndarray, azimuths: int, settings: tuple[str, str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the table of method A and its notes."""
-    plan = measurement.plan
+    plan = measured_plan(measurement)
     measured = subspaces(plan, measurement.values, min(azimuths, RBF_AZIMUTHS), *settings)
     nodes = SubspaceNodes.of(plan.thetas, measured, measurement.material)
     local = len(nodes.values) > MOST_GLOBAL_NODES

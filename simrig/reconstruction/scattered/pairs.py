@@ -83,7 +83,7 @@ def pair_table(measurement: PairMeasurement) -> PairTable:
 def _missing(measurement: PairMeasurement, directions: int, pairs: int) -> SimrigError:
     return SimrigError(
         f"the measurement of '{measurement.material}' lacks {pairs} pairs of its {directions} "
-        "directions: this method needs every pair, as a uniform scheme gives them (rbf_local "
+        "directions: this method needs every pair, as a uniform scheme gives them (rbf-local "
         "takes any directions)"
     )
 

@@ -158,7 +158,7 @@ def _spline(
         size = 8e-9 * len(nodes) ** 2
         raise SimrigError(
             f"one spline through the {len(nodes)} samples of '{material}' needs {size:.0f} GB for "
-            f"its system, more than {LARGEST_GLOBAL} nodes are refused: use rbf_local"
+            f"its system, more than {LARGEST_GLOBAL} nodes are refused: use rbf-local"
         )
     fitted = fit_thin_plate(nodes, values)
     notes.append(f"system of {8e-6 * len(nodes) ** 2:.0f} MB, condition {fitted.condition:.1e}")

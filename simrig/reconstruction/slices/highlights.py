@@ -28,9 +28,10 @@ from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.arrays import Array
 from simrig.directions import wrap_angle
 from simrig.plans.adaptive import AdaptiveSamples
+from simrig.plans.along_slices import MeasuredSlices, slice_samples
 from simrig.plans.placement import SubspacePlacement
 from simrig.reconstruction.slices.subspace import Subspace, reader, reconstruct_subspace
-from simrig.reconstruction.slices.tables import SliceMeasurement, reconstruct_slices
+from simrig.reconstruction.slices.tables import full_slices, reconstruct_slices
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def reconstruct_subspace_along_highlights(
 
 
 def reconstruct_along_highlights(
-    measurement: SliceMeasurement,
+    measurement: MeasuredSlices,
     interpolation: str = "cubic",
     *,
     azimuth_samples: int = 360,
@@ -113,24 +114,23 @@ def reconstruct_along_highlights(
     Args and Raises: as ``simrig.reconstruction.slices.tables.reconstruct``; the value at
     the pole is always one.
     """
+    samples, (placement, slice_types) = slice_samples(measurement), full_slices(measurement)
 
     def reconstruct(of: AdaptiveSamples) -> SliceBrdf:
         return reconstruct_slices(
             of,
-            measurement.placement,
-            slice_types=measurement.slice_types,
+            placement,
+            slice_types=slice_types,
             interpolation=interpolation,
             azimuth_samples=azimuth_samples,
             largest_node_step_deg=largest_node_step_deg,
         )
 
-    first = reconstruct(measurement.samples).data()
+    first = reconstruct(samples).data()
     offset = offsets(first["axial"], first["diagonal"])
-    known = reconstruct(_compressed_samples(measurement.samples, offset))
+    known = reconstruct(_compressed_samples(samples, offset))
     tables = {key: _expanded_table(table, offset) for key, table in known.data().items()}
-    name = (
-        f"{measurement.material} from {len(measurement.samples.values)} samples, along highlights"
-    )
+    name = f"{measurement.material} from {len(samples.values)} samples, along highlights"
     return HighlightSlices(known.layout, **tables, name=name, offset=offset)
 
 

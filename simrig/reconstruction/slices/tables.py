@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from simrig.brdf.slices.layout import SliceLayout
 from simrig.brdf.slices.slices import SliceBrdf
+from simrig.core.errors import SimrigError
 from simrig.plans.adaptive import AdaptiveSamples
+from simrig.plans.along_slices import MeasuredSlices, slice_plan, slice_samples
 from simrig.plans.placement import SlicePlacement
 from simrig.plans.slices import AXIAL, CIRCLE, DIAGONAL, HORIZONTAL, Slices, build_slices
 from simrig.reconstruction.slices.along_slices import SliceInterpolator
-
-
-class SliceMeasurement(Protocol):
-    """What a reconstruction needs of a measurement; it knows nothing of the truth or the rig."""
-
-    @property
-    def samples(self) -> AdaptiveSamples: ...
-    @property
-    def placement(self) -> SlicePlacement: ...
-    @property
-    def slice_types(self) -> str: ...
-    @property
-    def material(self) -> str: ...
 
 
 def slice_layout(
@@ -64,7 +51,7 @@ def slice_layout(
 
 
 def reconstruct(
-    measurement: SliceMeasurement,
+    measurement: MeasuredSlices,
     interpolation: str = "cubic",
     *,
     azimuth_samples: int = 360,
@@ -74,24 +61,39 @@ def reconstruct(
     """Return the BRDF that a measurement along slices gives.
 
     Args:
-        measurement: what a rig recorded (``simrig.rigs.measurements.slices.Measurement``).
+        measurement: what a rig recorded by a ``SlicePlan`` over all directions.
         interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         azimuth_samples, largest_node_step_deg: resolution of the tables.
         one_pole: one value at theta = 0 whatever azimuth is named; False takes D.1 to the letter.
 
     Raises:
-        SimrigError: for an unknown interpolation, or too coarse tables.
+        SimrigError: for an unknown interpolation, too coarse tables, or another plan.
     """
+    placement, slice_types = full_slices(measurement)
     return reconstruct_slices(
-        measurement.samples,
-        measurement.placement,
-        slice_types=measurement.slice_types,
+        slice_samples(measurement),
+        placement,
+        slice_types=slice_types,
         interpolation=interpolation,
         azimuth_samples=azimuth_samples,
         largest_node_step_deg=largest_node_step_deg,
         one_pole=one_pole,
-        name=f"{measurement.material} from {len(measurement.samples.values)} samples",
+        name=f"{measurement.material} from {len(measurement.values)} samples",
     )
+
+
+def full_slices(measurement: MeasuredSlices) -> tuple[SlicePlacement, str]:
+    """Return where the slices of a measurement lie, and which were measured.
+
+    Raises:
+        SimrigError: it was measured by another plan, or in one subspace alone.
+    """
+    plan = slice_plan(measurement)
+    if not isinstance(plan.placement, SlicePlacement):
+        raise SimrigError(
+            f"'{measurement.material}' was measured in one subspace alone: use reconstruct_subspace"
+        )
+    return plan.placement, plan.slice_types
 
 
 def reconstruct_slices(
@@ -110,7 +112,7 @@ def reconstruct_slices(
     Args:
         samples: what was measured along the slices of ``placement``.
         placement: where the slices lie.
-        slice_types: the types that were measured, ``"all"`` or ``"axial_diagonal"``.
+        slice_types: the types that were measured, ``"all"`` or ``"axial-diagonal"``.
         interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         azimuth_samples: samples over 360° along axial and diagonal slices.
         largest_node_step_deg: largest step of the polar angle grid, in degrees.

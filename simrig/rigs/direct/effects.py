@@ -139,13 +139,16 @@ def _fall_off(rig: Instrument) -> str:
 
 
 def _positioning(subject: RigSubject) -> tuple[np.ndarray, str]:
-    error = np.radians(subject.instrument.positioning_deg)
+    rig = subject.instrument
+    error, offset = np.radians(rig.positioning_deg), np.radians(rig.offset_deg)
     largest = np.zeros_like(subject.values)
     for signs in product((-1.0, 0.0, 1.0), repeat=4):
-        moved = recording.within_reach(subject.angles + error * np.array(signs))
+        moved = recording.within_reach(subject.angles + offset + error * np.array(signs))
         change = np.abs(recording.at(subject.brdf, moved) - subject.values)
         np.maximum(largest, change, out=largest)
-    explanation = f"every axis stops within ±{subject.instrument.positioning_deg:g}°"
+    explanation = f"every axis stops within ±{max(rig.positioning_deg):g}°"
+    if any(rig.offset_deg):
+        explanation += f" of a zero that is off by up to {max(map(abs, rig.offset_deg)):g}°"
     return _SAFETY * largest, explanation
 
 

@@ -120,7 +120,8 @@ def within_reach(angles: np.ndarray) -> np.ndarray:
 def positioning_errors(angles: np.ndarray, instrument: Instrument) -> np.ndarray:
     """Return where the axes stop beside the angles that were asked for, (n, 4) in radians."""
     numbers = uniforms(angles, instrument.seed, _POSITION_STREAM, 4)
-    return np.radians(instrument.positioning_deg) * (2.0 * numbers - 1.0)
+    moves = np.radians(instrument.positioning_deg) * (2.0 * numbers - 1.0)
+    return moves + np.radians(instrument.offset_deg)
 
 
 def averaged(
@@ -288,6 +289,30 @@ def noise_deviation(values: np.ndarray, shot: Exposure, instrument: Instrument) 
     """Return the standard deviation of one pixel's noise in f_r, (n, 3): photons and read-out."""
     variance = values * shot.electrons + instrument.read_noise**2
     return np.sqrt(variance) / shot.electrons
+
+
+def recorded_uncertainty(
+    values: np.ndarray, angles: np.ndarray, instrument: Instrument, effects: Collection[str]
+) -> np.ndarray | None:
+    """Return the standard uncertainty by noise of recorded values, (n, 3) in 1/sr.
+
+    It is what the sensor itself can tell: photons and read-out, and the converter's steps as one
+    more source of each pixel, from the values that were recorded (EMVA 1288). None where noise is
+    not simulated.
+
+    Args:
+        values: (n, 3) recorded.
+        angles: (n, 4) that were asked for, in radians.
+        instrument: its sensor.
+        effects: that are simulated.
+    """
+    if "noise" not in effects:
+        return None
+    shot = exposure(values, angles, instrument)
+    variance = noise_deviation(values, shot, instrument) ** 2
+    if "quantisation" in effects:
+        variance = variance + shot.step**2 / 12.0
+    return np.sqrt(variance / instrument.pixels)
 
 
 def exposed(

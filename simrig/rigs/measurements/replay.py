@@ -10,17 +10,18 @@ import numpy as np
 
 from simrig.core.errors import SimrigError
 from simrig.files.checkpoint import Checkpoint
+from simrig.plans.protocol import Recorded
 
 
 class ReplayLog:
-    """Every batch of values measured so far, in the order in which they were asked for.
+    """Everything recorded so far, in the order in which it was asked for.
 
-    Adaptive sampling asks for the same directions again when it is given the same values, so a
-    resumed measurement replays the log, measures what it lacks, and ends in the same result as an
+    A plan asks for the same directions again when it is sent the same values, so a resumed
+    measurement replays the log, records what it lacks, and ends in the same result as an
     uninterrupted one.
 
     Args:
-        folder: where the batches are kept (``Checkpoint``), or None to keep nothing.
+        folder: where the pieces are kept (``Checkpoint``), or None to keep nothing.
         setting: plain values that identify the measurement.
 
     Raises:
@@ -29,46 +30,71 @@ class ReplayLog:
 
     def __init__(self, folder: Path | None, setting: Mapping[str, Any]):
         self._kept = Checkpoint(folder, setting)
+        self._angles: list[np.ndarray] = []
+        self._recorded: list[Recorded] = []
         self._position = 0
 
     def __len__(self) -> int:
         """Return the number of samples given so far."""
         return self._position
 
-    def measure(
-        self, angles: np.ndarray, take: Callable[[np.ndarray], np.ndarray], chunk: int = 512
-    ) -> np.ndarray:
-        """Return values for directions, from the log where it has them, else measured.
+    @property
+    def angles(self) -> np.ndarray:
+        """(n, 4) theta_i, theta_v, phi_i, phi_v in radians of all that was given so far."""
+        return np.concatenate(self._angles)
+
+    @property
+    def recorded(self) -> Recorded:
+        """What was recorded there."""
+        return _joined(self._recorded)
+
+    def record(
+        self, angles: np.ndarray, take: Callable[[np.ndarray], Recorded], chunk: int
+    ) -> Recorded:
+        """Return what is recorded at directions, from the log where it has them.
 
         Args:
             angles: (m, 4) directions in the order of the plan.
-            take: measures directions, (m, 4) to (m, 3).
-            chunk: samples of a batch; the same whenever the same measurement is resumed.
+            take: records directions, (m, 4).
+            chunk: samples of a piece; the same whenever the same measurement is resumed.
 
         Raises:
             SimrigError: the log holds other directions than these.
         """
-        batches = [np.empty((0, 3))]
-        for first in range(0, len(angles), max(chunk, 1)):
-            part = angles[first : first + chunk]
-            batches.append(self._batch(part, take))
+        first = len(self._recorded)
+        for begin in range(0, len(angles), max(chunk, 1)):
+            part = angles[begin : begin + chunk]
+            recorded = self._piece(part, take)
+            self._angles.append(part)
+            self._recorded.append(recorded)
             self._position += len(part)
-        return np.concatenate(batches)
+        return _joined(self._recorded[first:])
 
-    def _batch(self, angles: np.ndarray, take: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    def _piece(self, angles: np.ndarray, take: Callable[[np.ndarray], Recorded]) -> Recorded:
         name = f"samples {self._position:012d}"
         piece = self._kept.get(name)
         if piece is None:
-            values = np.asarray(take(angles), dtype=np.float64)
-            self._kept.put(name, arrays={"angles": angles, "values": values})
-            return values
+            new = take(angles)
+            arrays = {"angles": angles, "values": new.values}
+            if new.uncertainty is not None:
+                arrays["uncertainty"] = new.uncertainty
+            self._kept.put(name, arrays=arrays)
+            return new
         if not np.array_equal(piece.arrays["angles"], angles):
             raise SimrigError(
                 f"'{self._kept.folder}' was made by another version of simrig: remove it to "
                 "measure anew"
             )
-        return piece.arrays["values"]
+        return Recorded(piece.arrays["values"], piece.arrays.get("uncertainty"))
 
     def remove(self) -> None:
-        """Forget the batches once the measurement is complete."""
+        """Forget the pieces once the measurement is complete."""
         self._kept.remove()
+
+
+def _joined(parts: list[Recorded]) -> Recorded:
+    known = [part.uncertainty for part in parts if part.uncertainty is not None]
+    if known and len(known) < len(parts):
+        raise TypeError("a rig must know the uncertainty of all of its samples, or of none")
+    values = np.concatenate([part.values for part in parts])
+    return Recorded(values, np.concatenate(known) if known else None)

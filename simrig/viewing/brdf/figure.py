@@ -16,7 +16,8 @@ from simrig.core.errors import unknown_name
 from simrig.directions.spherical import TWO_PI, wrap_angle
 from simrig.files.images import to_srgb8
 from simrig.plans.placement import SlicePlacement
-from simrig.rigs.measurements.slices import Measurement
+from simrig.reconstruction.slices.tables import full_slices
+from simrig.rigs.measurements.measurement import Measurement
 from simrig.viewing.brdf.picture import (
     THETAS_DEG,
     brdf_exposure,
@@ -67,7 +68,7 @@ def brdf_figure(
     Raises:
         SimrigError: see ``brdf_picture``; an unknown kind of slices.
     """
-    placement = placement or (measurement.placement if measurement else None)
+    placement = placement or (full_slices(measurement)[0] if measurement else None)
     if thetas_deg is None:
         known = THETAS_DEG if placement is None else np.degrees(placement.thetas)
         thetas_deg = tuple(float(e) for e in known)

@@ -1,0 +1,22 @@
+"""What a method gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from simrig.brdf.protocol import Brdf
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstructed:
+    """What a method made of a measurement.
+
+    Attributes:
+        brdf: the result.
+        bytes: storage of the result.
+        notes: what a reader must know: nodes, condition numbers, fall-backs.
+    """
+
+    brdf: Brdf
+    bytes: int
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,115 @@
+"""What a rig recorded, whatever the rig and the plan: directions, values, cost, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
+from simrig.plans.listed import Directions
+from simrig.plans.protocol import Plan
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Samples with their cost and provenance.
+
+    Attributes:
+        angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians, in the order of measurement.
+        values: (n, 3) f_r in 1/sr, linear RGB.
+        material: name of what was measured.
+        cost: samples, simulated hardware time, compute time and bytes.
+        plan: which directions were asked for, and why; the list of ``angles`` unless given.
+        uncertainty: (n, 3) standard uncertainty of the values in 1/sr; None where unknown.
+        layout: what the plan knew when it was done (where samples lie along slices, ...).
+        pictures: the file of the pictures from which the values come; None without any.
+        provenance: plain values: rig, instrument, parameters, versions, fingerprint of the
+            material.
+
+    Raises:
+        SimrigError: arrays that do not fit together, polar angles outside [0, 90°), or values or
+            uncertainties that are negative or not finite.
+    """
+
+    angles: np.ndarray
+    values: np.ndarray
+    material: str
+    cost: Cost = field(default_factory=Cost)
+    plan: Plan = None  # type: ignore[assignment]  # set below
+    uncertainty: np.ndarray | None = None
+    layout: Mapping[str, np.ndarray] = field(default_factory=dict)
+    pictures: Path | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = len(self.angles)
+        if count == 0 or self.angles.shape != (count, 4) or self.values.shape != (count, 3):
+            raise SimrigError(
+                f"a measurement needs angles (n, 4) and values (n, 3) of at least one sample, got "
+                f"{self.angles.shape} and {self.values.shape}"
+            )
+        theta = self.angles[:, :2]
+        inside = np.all((theta >= 0.0) & (theta < np.pi / 2))  # false for NaN
+        if not inside or not np.all(np.isfinite(self.angles)):
+            raise SimrigError("a measurement needs polar angles in [0, 90) degrees, in radians")
+        _check_numbers("values of f_r", self.values, self.values.shape)
+        if self.uncertainty is not None:
+            _check_numbers("uncertainties", self.uncertainty, self.values.shape)
+        if self.plan is None:
+            object.__setattr__(self, "plan", Directions(self.angles))
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def theta_i(self) -> np.ndarray:
+        """Illumination polar angles in radians, (n,)."""
+        return self.angles[:, 0]
+
+    @property
+    def theta_v(self) -> np.ndarray:
+        """View polar angles in radians, (n,)."""
+        return self.angles[:, 1]
+
+    @property
+    def phi_i(self) -> np.ndarray:
+        """Illumination azimuths in radians, (n,)."""
+        return self.angles[:, 2]
+
+    @property
+    def phi_v(self) -> np.ndarray:
+        """View azimuths in radians, (n,)."""
+        return self.angles[:, 3]
+
+    def save(self, path: str | Path) -> None:
+        """Write the measurement as HDF5 (to a temporary name, then renamed).
+
+        Raises:
+            SimrigError: when the folder does not exist or cannot be written.
+        """
+        from simrig.rigs.measurements.store import save_measurement
+
+        save_measurement(path, self)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Measurement:
+        """Read a measurement written by ``save``, or by simrig 0.1.
+
+        Raises:
+            SimrigError: no measurement, of a later version, truncated, or inconsistent.
+        """
+        from simrig.rigs.measurements.store import load_measurement
+
+        return load_measurement(path)
+
+
+def _check_numbers(what: str, values: np.ndarray, shape: tuple[int, ...]) -> None:
+    if values.shape != shape:
+        raise SimrigError(f"a measurement needs {what} {shape}, got {values.shape}")
+    if not np.all(np.isfinite(values)) or values.min() < 0.0:
+        raise SimrigError(f"a measurement holds negative, infinite or NaN {what}")

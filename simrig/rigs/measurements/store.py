@@ -1,0 +1,131 @@
+"""The file of a measurement: HDF5, the same for every rig and plan.
+
+Attributes: ``material``, ``cost``, ``plan`` (JSON: name and settings), ``pictures`` (a file beside
+it). Arrays: ``angles``, ``values``, ``uncertainty`` where known, and those of group ``layout``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
+from simrig.files import hdf5
+from simrig.plans.along_slices import SlicePlan
+from simrig.plans.gantry import GantryPlan
+from simrig.plans.listed import Directions
+from simrig.plans.placement import SlicePlacement
+from simrig.plans.protocol import Plan
+from simrig.plans.registry import restored_plan
+from simrig.rigs.measurements.measurement import Measurement
+
+CONTENT = "measurement"
+
+
+def save_measurement(path: str | Path, measurement: Measurement) -> None:
+    """Write a measurement (to a temporary name, then renamed).
+
+    Raises:
+        SimrigError: when the folder does not exist or cannot be written.
+    """
+    plan = {"name": measurement.plan.name, "settings": measurement.plan.settings()}
+    with hdf5.create(path, CONTENT, measurement.provenance) as file:
+        file.attrs["material"] = measurement.material
+        file.attrs["cost"] = json.dumps(measurement.cost.as_dict())
+        file.attrs["plan"] = json.dumps(plan)
+        if measurement.pictures is not None:
+            file.attrs["pictures"] = str(measurement.pictures)
+        hdf5.write_array(file, "angles", measurement.angles, "radian")
+        hdf5.write_array(file, "values", measurement.values, "1/sr")
+        if measurement.uncertainty is not None:
+            hdf5.write_array(file, "uncertainty", measurement.uncertainty, "1/sr")
+        layout = file.create_group("layout")
+        for name, array in measurement.layout.items():
+            hdf5.write_array(layout, name, array)
+
+
+def load_measurement(path: str | Path) -> Measurement:
+    """Read a measurement written by ``save_measurement``, or by simrig 0.1.
+
+    Raises:
+        SimrigError: no measurement, of a later version, truncated, or inconsistent.
+    """
+    content = hdf5.content_of(path)
+    content = content if content in _OF_0_1 else CONTENT
+    with hdf5.open_checked(path, content) as file:
+        angles = hdf5.read_array(file, "angles", (None, 4))
+        values = hdf5.read_array(file, "values", (len(angles), 3))
+        try:
+            cost = Cost(**_json(file, "cost"))
+            made, layout = _plan_and_layout(file, content, angles)
+            made.check_layout(angles, layout)
+            uncertainty = None
+            if "uncertainty" in file:
+                uncertainty = hdf5.read_array(file, "uncertainty", values.shape)
+            return Measurement(
+                angles,
+                values,
+                str(file.attrs["material"]),
+                cost,
+                made,
+                uncertainty,
+                layout,
+                Path(file.attrs["pictures"]) if "pictures" in file.attrs else None,
+                hdf5.provenance_of(file),
+            )
+        except (SimrigError, TypeError, KeyError, ValueError, RecursionError) as error:
+            said = error if isinstance(error, SimrigError) else "its plan or cost is malformed"
+            raise SimrigError(f"'{path}' is damaged: {said}") from error
+
+
+def _plan_and_layout(
+    file: h5py.File, content: str, angles: np.ndarray
+) -> tuple[Plan, dict[str, np.ndarray]]:
+    if content == CONTENT and "plan" in file.attrs:
+        stored = _json(file, "plan")
+        layout = {name: hdf5.read_array(file["layout"], name) for name in file["layout"]}
+        return restored_plan(stored["name"], stored["settings"], angles), layout
+    return _OF_0_1[content](file, angles)
+
+
+def _json(file: h5py.File, name: str) -> dict[str, Any]:
+    value = json.loads(file.attrs[name])
+    if not isinstance(value, dict):
+        raise TypeError(name)
+    return value
+
+
+# --- files of version 0.1, which knew three kinds of measurement ---
+
+
+def _slices_of_0_1(file: h5py.File, angles: np.ndarray) -> tuple[Plan, dict[str, np.ndarray]]:
+    about = hdf5.names_now(file.attrs)
+    steps = (float(about[name]) for name in ("theta_step", "azimuth_step", "theta_max"))
+    parameters = hdf5.provenance_of(file).get("parameters", {})
+    algorithm = {name: parameters[name] for name in ("k", "p_1", "p_2") if name in parameters}
+    slice_types = str(about["slice_types"]).replace("_", "-")
+    plan = SlicePlan(SlicePlacement(*steps), len(angles), slice_types, **algorithm)
+    names = ("knot_first", "knot_position", "knot_sample")
+    return plan, {name: hdf5.read_array(file, name, (None,)) for name in names}
+
+
+def _directions_of_0_1(file: h5py.File, angles: np.ndarray) -> tuple[Plan, dict[str, np.ndarray]]:
+    title = hdf5.provenance_of(file).get("plan", "list of directions")
+    return Directions(angles, str(title)), {}
+
+
+def _gantry_of_0_1(file: h5py.File, angles: np.ndarray) -> tuple[Plan, dict[str, np.ndarray]]:
+    return GantryPlan.restored(hdf5.names_now(_json(file, "plan")), angles), {}
+
+
+_OF_0_1: Mapping[str, Callable[[h5py.File, np.ndarray], tuple[Plan, dict[str, np.ndarray]]]] = {
+    CONTENT: _slices_of_0_1,
+    "measurement of directions": _directions_of_0_1,
+    "gantry measurement": _gantry_of_0_1,
+}

@@ -1,0 +1,238 @@
+"""What a rig is: an instrument at work, which carries out plans and records measurements."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+import simrig
+from simrig.brdf.protocol import Brdf
+from simrig.core.cost import Cost, stopwatch
+from simrig.core.effects import Overrides, Tolerance
+from simrig.core.effects import Plan as EffectPlan
+from simrig.core.errors import SimrigError
+from simrig.core.options import Option
+from simrig.plans.protocol import Plan, Recorded
+from simrig.plans.registry import make_plan
+from simrig.rigs.fingerprint import fingerprint
+from simrig.rigs.measurements.measurement import Measurement
+from simrig.rigs.measurements.replay import ReplayLog
+
+if TYPE_CHECKING:
+    from simrig.instruments.description import Description
+
+REACH_TOLERANCE = 1e-6  # radians; files often hold angles as float32
+Progress = Callable[[int, int], None]  # samples done, samples in total
+
+
+class Rig(ABC):
+    """An instrument at work. Subclasses are frozen dataclasses, one for each kind of instrument.
+
+    Attributes:
+        name: its key in ``simrig.rigs.registry.RIGS``, and the ``kind`` of its instrument files.
+        about: one line.
+        options: what ``from_description`` takes beside the instrument.
+        effect_names: the effects that it can simulate.
+        default_plan: name of the plan that is measured unless another is given.
+    """
+
+    name: ClassVar[str]
+    about: ClassVar[str]
+    options: ClassVar[tuple[Option, ...]] = ()
+    effect_names: ClassVar[tuple[str, ...]] = ()
+    default_plan: ClassVar[str]
+
+    @classmethod
+    @abstractmethod
+    def from_description(cls, description: Description, **options: Any) -> Self:
+        """Return the rig of an instrument file; without effects.
+
+        Raises:
+            SimrigError: numbers that contradict each other.
+        """
+
+    @abstractmethod
+    def record(self, material: Brdf, angles: np.ndarray) -> Recorded:
+        """Return what is recorded at directions.
+
+        Args:
+            material: under the instrument.
+            angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
+
+        Raises:
+            SimrigError: a direction that the rig does not reach, or a material that is negative or
+                not finite there.
+        """
+
+    @abstractmethod
+    def seconds(self, plan: Plan, angles: np.ndarray) -> float:
+        """Return how long the hardware takes for directions of a plan, in seconds.
+
+        Args:
+            plan: what they are part of.
+            angles: (n, 4) in radians, from the first on: a batch takes what it adds.
+        """
+
+    @abstractmethod
+    def reaches(self, angles: np.ndarray) -> np.ndarray:
+        """Return which of (n, 4) directions in radians the axes reach, (n,) of bool."""
+
+    def check(self, material: Brdf, plan: Plan) -> None:
+        """Raise SimrigError where a plan cannot be measured, before anything is."""
+        if plan.pictures:
+            raise SimrigError(
+                f"rig '{self.name}' records no pictures, plan '{plan.name}' needs some"
+            )
+        if plan.theta_max > material.theta_max + REACH_TOLERANCE:
+            own, asked = np.degrees([material.theta_max, plan.theta_max])
+            raise SimrigError(
+                f"'{material.name}' has data up to theta = {own:g} degrees, the plan asks for "
+                f"{asked:g}: lower theta_max"
+            )
+
+    def planned(
+        self,
+        material: Brdf,
+        plan: Plan,
+        tolerance: Tolerance,
+        overrides: Overrides | None = None,
+    ) -> Self:
+        """Return the rig with those effects that a tolerance calls for.
+
+        Args:
+            material: under the instrument.
+            plan: where the rig will look.
+            tolerance: by how much all left-out effects together may change the values.
+            overrides: what the user decided.
+
+        Raises:
+            SimrigError: overrides that name an unknown effect, or a rig without effects.
+        """
+        raise SimrigError(
+            f"rig '{self.name}' simulates no effects: leave out the options that choose some"
+        )
+
+    @property
+    def effect_plan(self) -> EffectPlan | None:
+        """How the effects were chosen; None where they were not."""
+        return None
+
+    def conditions(self) -> dict[str, Any]:
+        """Return what the values depend on beside material and plan, as plain values."""
+        return {}
+
+    def instrument_facts(self) -> dict[str, Any]:
+        """Return what to say of the instrument in a measurement's provenance."""
+        return {}
+
+    def measure(
+        self,
+        material: Brdf,
+        plan: Plan | None = None,
+        *,
+        tolerance: Tolerance | None = None,
+        overrides: Overrides | None = None,
+        checkpoint: Path | None = None,
+        progress: Progress | None = None,
+    ) -> Measurement:
+        """Measure one material by a plan.
+
+        Args:
+            material: under the instrument.
+            plan: where to look; by default the rig's own (``default_plan``).
+            tolerance: chooses the effects that are simulated (see ``planned``); without it they are
+                those that the rig was made with.
+            overrides: what the user decides of the effects; needs a tolerance.
+            checkpoint: folder that keeps what was recorded so far; an interrupted measurement
+                resumes from it with the same result, and it is removed at the end.
+            progress: called with the number of samples done and in total.
+
+        Raises:
+            SimrigError: a plan that the rig cannot measure, values that cannot be, a checkpoint of
+                another measurement.
+        """
+        plan = make_plan(self.default_plan, material) if plan is None else plan
+        self.check(material, plan)
+        if tolerance is not None:
+            return self.planned(material, plan, tolerance, overrides).measure(
+                material, plan, checkpoint=checkpoint, progress=progress
+            )
+        if overrides is not None:
+            raise SimrigError("what to enable or disable needs a tolerance beside it")
+        setting = {
+            "plan": plan.name,
+            **plan.settings(),
+            "material": fingerprint(material),
+            **self.conditions(),
+        }
+        log = ReplayLog(checkpoint, setting)
+
+        def take(angles: np.ndarray) -> Recorded:
+            recorded = self.record(material, angles)
+            if progress is not None:
+                progress(len(log) + len(angles), plan.samples)  # replayed ones too
+            return recorded
+
+        # fifty pieces, or fewer
+        chunk = max(512, plan.samples // 50) if checkpoint or progress else plan.samples
+        elapsed = stopwatch()
+        layout = _carry_out(plan, lambda angles: log.record(angles, take, chunk))
+        seconds = elapsed()
+        log.remove()
+        return self.measurement(material, plan, log.angles, log.recorded, layout, seconds, setting)
+
+    def measurement(
+        self,
+        material: Brdf,
+        plan: Plan,
+        angles: np.ndarray,
+        recorded: Recorded,
+        layout: Mapping[str, np.ndarray],
+        seconds: float,
+        setting: Mapping[str, Any],
+    ) -> Measurement:
+        """Return what was recorded with its cost and provenance."""
+        provenance: dict[str, Any] = {
+            "rig": f"{self.name}, direct level",
+            "plan": plan.describe(),
+            "parameters": dict(setting),
+            "instrument": self.instrument_facts(),
+            "simrig_version": simrig.__version__,
+        }
+        if self.effect_plan is not None:
+            provenance["effects"] = self.effect_plan.as_dict()
+        columns = 7 if recorded.uncertainty is None else 10
+        cost = Cost(
+            samples=len(angles),
+            hardware_seconds=self.seconds(plan, angles),
+            compute_seconds=seconds,
+            bytes=len(angles) * columns * 8,
+        )
+        return Measurement(
+            angles,
+            recorded.values,
+            material.name,
+            cost,
+            plan,
+            recorded.uncertainty,
+            layout,
+            None,
+            json.loads(json.dumps(provenance, default=np.generic.item)),  # as files give it
+        )
+
+
+def _carry_out(plan: Plan, record: Callable[[np.ndarray], Recorded]) -> Mapping[str, np.ndarray]:
+    """Record every batch of a plan; return its layout."""
+    work = plan.batches()
+    recorded: Any = None
+    while True:
+        try:
+            angles = work.send(recorded)
+        except StopIteration as end:
+            return end.value
+        recorded = record(angles)

@@ -1,0 +1,58 @@
+"""The rigs by name, and from instrument files. A new rig is one more entry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.options import checked_options
+from simrig.instruments.description import SHIPPED, Description, read_description, shipped
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
+from simrig.rigs.gantry.rig import Gantry
+from simrig.rigs.protocol import Rig
+
+RIGS: dict[str, type[Rig]] = {rig.name: rig for rig in (Gonioreflectometer, Gantry)}
+_USUAL = {"gonioreflectometer": "utia", "gantry": "merkur-gantry"}  # instrument of each
+
+
+def make_rig(text: str | Path, **options: Any) -> Rig:
+    """Return a rig by name or from an instrument file.
+
+    Args:
+        text: a key of ``RIGS``, an instrument that comes with simrig, or the path of a TOML file.
+        options: of the rig; None is: not given.
+
+    Raises:
+        SimrigError: an unknown name, what ``read_description`` refuses, or an option that the rig
+            does not have.
+    """
+    return rig_of(find_description(text), **options)
+
+
+def find_description(text: str | Path) -> Description:
+    """Return the instrument that a text names (see ``make_rig``).
+
+    Raises:
+        SimrigError: an unknown name, or what ``read_description`` refuses.
+    """
+    name = str(text)
+    if name.endswith(".toml"):
+        return read_description(text)
+    if name in RIGS or name in SHIPPED:
+        return shipped(_USUAL.get(name, name))
+    raise unknown_name("rig (and no .toml file)", name, (*RIGS, *SHIPPED))
+
+
+def rig_of(description: Description, **options: Any) -> Rig:
+    """Return the rig of an instrument.
+
+    Raises:
+        SimrigError: an option that the rig does not have, or numbers that contradict each other.
+    """
+    kind = RIGS[description.instrument.kind]
+    made = checked_options(kind, options, RIGS.values(), "rig")
+    try:
+        return kind.from_description(description, **made)
+    except SimrigError as error:
+        raise SimrigError(f"instrument '{description.instrument.name}': {error}") from error
