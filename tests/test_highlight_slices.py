@@ -6,11 +6,11 @@ import pytest
 
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.brdf.slices.highlight_slices import HighlightSlices
-from simrig.cli.reconstruct import Method, reconstructed
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.files.load import load_material, save_material
+from simrig.methods import METHODS
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
@@ -171,7 +171,7 @@ def test_stored_and_loaded_again(tmp_path, satin, rng):
 
 def test_the_command_line_rebuilds_a_measurement_along_slices(rng):
     measurement = measured(kurt_material("wood01"), samples=1700)
-    made = reconstructed(measurement, Method.ALONG_HIGHLIGHTS, "pchip")
+    made = METHODS["along-highlights"].reconstruct(measurement, interpolation="pchip")
     found = made.brdf
     expected = reconstruct_along_highlights(measurement, "pchip")
     angles = pairs(rng, 300)
