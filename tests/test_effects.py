@@ -97,7 +97,7 @@ def test_bad_input_is_said_in_one_line(call: Any, message: str) -> None:
 
 
 def test_tolerances_are_read_and_shared() -> None:
-    assert parse_tolerance(" DE = 0.5 ") == Tolerance("dE", 0.5)
+    assert parse_tolerance(" dE = 0.5 ") == Tolerance("dE", 0.5)
     assert parse_tolerance("dE=0.5").times(0.5).amount == 0.25
     halved = parse_tolerance("psnr=40").times(0.5)
     assert halved.amount == pytest.approx(parse_tolerance("psnr=40").amount / 2.0)
@@ -123,3 +123,9 @@ def test_settings_are_told_in_one_line() -> None:
     settings = {"spp": 4, "structure_within_mm": {"floor.btf": 1234.56, "ball.btf": 0.0}}
     plan = Plan((), settings, parse_tolerance("dE=1"))
     assert plan.settings_line == "spp 4, structure_within_mm floor.btf=1235 ball.btf=0"
+
+
+def test_a_tolerance_has_one_spelling() -> None:
+    for text, meant in (("de=1", "dE"), ("PSNR=40", "psnr"), ("delta-e=1", "dE")):
+        with pytest.raises(SimrigError, match=f"did you mean '{meant}'"):
+            parse_tolerance(text)

@@ -83,8 +83,7 @@ def parse_tolerance(text: str) -> Tolerance:
         raise SimrigError(
             f"'{text}' is no tolerance: write for example dE=0.5, psnr=45 or relative=0.01"
         )
-    names = {name.lower(): name for name in UNITS}
-    return Tolerance(names.get(metric.lower(), metric), value)
+    return Tolerance(metric, value)
 
 
 @dataclass(frozen=True)

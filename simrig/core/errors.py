@@ -6,6 +6,9 @@ import difflib
 from collections.abc import Iterable
 
 
+_ALSO = {"delta-e": "dE", "delta-e-1976": "dE"}  # what people write for names of ours
+
+
 class SimrigError(ValueError):
     """Bad input: one line that says what was wrong and what to do.
 
@@ -22,6 +25,12 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> SimrigError:
         known: every name that would have been accepted.
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
-    hint = f"did you mean '{near[0]}'? " if near else ""
+    spelt = {_plain(one): one for one in names}  # case and underscores hide no likeness
+    spelt |= {other: one for other, one in _ALSO.items() if one in names}
+    near = difflib.get_close_matches(_plain(name), spelt, n=1, cutoff=0.4)
+    hint = f"did you mean '{spelt[near[0]]}'? " if near else ""
     return SimrigError(f"unknown {kind} '{name}': {hint}known: {', '.join(names)}")
+
+
+def _plain(name: str) -> str:
+    return name.casefold().replace("_", "-")

@@ -10,8 +10,9 @@ import typer
 from simrig.cli import frame
 from simrig.cli.outputs import output_file, output_folder
 from simrig.core.cost import stopwatch
-from simrig.core.errors import SimrigError
+from simrig.core.errors import SimrigError, unknown_name
 
+_GANTRY_METHODS = ("gantry-a", "gantry-b", "gantry-bd")
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
 
@@ -131,17 +132,22 @@ def average(
 def from_slices(
     measured: Annotated[Path, typer.Argument(help="A BTF with the gantry's 168 images (.h5).")],
     output: Annotated[Path, typer.Argument(help="The BTF of 81 × 81 directions (.h5).")],
-    method: Annotated[str, typer.Option(help="Of the gantry: a, b or bd.")] = "b",
+    method: Annotated[
+        str, typer.Option(help="gantry-a, gantry-b or gantry-bd, as of 'reconstruct'.")
+    ] = "gantry-b",
     overwrite: Overwrite = False,
 ) -> frame.Report:
     """Rebuild a BTF of 6,561 images from the 168 of a gantry, texel by texel."""
     from simrig.files.btf.hdf5 import read_btf, write_btf
     from simrig.reconstruction.gantry.btf import reconstruct_btf
 
+    if method not in _GANTRY_METHODS:
+        raise unknown_name("method", method, _GANTRY_METHODS)
     elapsed = stopwatch()
     with output_file(output, overwrite):
-        with frame.progress(f"{measured.name}, method {method.upper()}; texels") as report:
-            stack = reconstruct_btf(read_btf(measured), method, progress=report)
+        with frame.progress(f"{measured.name}, {method}; texels") as report:
+            own = method.removeprefix("gantry-")
+            stack = reconstruct_btf(read_btf(measured), own, progress=report)
         write_btf(output, stack)
     data = described(output) | {"seconds": elapsed()}
     return frame.Report(

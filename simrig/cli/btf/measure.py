@@ -108,7 +108,7 @@ def measure(
     allowed = parse_tolerance(tolerance or DEFAULT_TOLERANCE)
     fixed = None if bounces == "auto" else checked_bounces(_number(bounces))
     if fixed is not None and tolerance:
-        raise SimrigError("--tolerance is for --orders auto: leave one of them out")
+        raise SimrigError("--tolerance is for --bounces auto: leave one of them out")
     tile = build_tile(preset, seed=seed)
     shape = resolution_of(tile, resolution)
     dtype = np.float32 if single else np.float16
@@ -121,7 +121,7 @@ def measure(
         if fixed is None:
             plan = plan_bounces(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
             fixed = int(plan.settings["bounces"])
-        label = f"{preset}: {len(angles):,} images, {mega(size)}, {fixed} orders; views"
+        label = f"{preset}: {len(angles):,} images, {mega(size)}, {fixed} bounces; views"
         with frame.progress(label) as report:
             stack = measure_btf(
                 tile,
@@ -148,16 +148,16 @@ def measure(
             f"{output}: {len(stack):,} images of {shape[1]} × {shape[0]} texels, "
             f"{mega(size)} ({mega(output.stat().st_size)} on disk), in {data['seconds']:.1f} s "
             f"({data['cpu_seconds']:.1f} s of processor time)",
-            f"orders of reflection: {fixed}; standard error "
+            f"bounces: {fixed}; standard error "
             + ("unknown with one sample" if error is None else f"{error:.2g}/sr"),
-            *([] if plan is None else [plan_table(plan, f"orders at {allowed}")]),
+            *([] if plan is None else [plan_table(plan, f"bounces at {allowed}")]),
         ],
     )
 
 
 def _number(text: str) -> int:
     if not text.isdecimal():
-        raise SimrigError(f"--orders is a number or auto, got '{text}'")
+        raise SimrigError(f"--bounces is a number or auto, got '{text}'")
     return int(text)
 
 
