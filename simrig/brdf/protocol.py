@@ -171,7 +171,8 @@ class Brdf(Shown, ABC):
         phi_i = (np.arange(azimuths) + 0.5) * (2.0 * np.pi / azimuths)
         wi = to_vector(np.arcsin(np.sqrt(sin_squared))[:, None], phi_i[None, :])
         values = self.eval(wi, to_vector(theta_v, phi_v))
-        return np.pi * np.einsum("e,eac->c", weights, values) / azimuths
+        albedo: np.ndarray = np.pi * np.einsum("e,eac->c", weights, values) / azimuths
+        return albedo
 
     def on(self, float_type: type) -> Mapping[str, Array]:
         """Return copies of the data for a float type, made once and kept.
@@ -183,7 +184,8 @@ class Brdf(Shown, ABC):
         def copies() -> Mapping[str, Array]:
             return {name: to_device(value, float_type) for name, value in self.data().items()}
 
-        return kept(self, ("on", float_type), copies)
+        made: Mapping[str, Array] = kept(self, ("on", float_type), copies)
+        return made
 
     def tables(self, float_type: type, differentiable: bool = True) -> Any:
         """Return what look-ups of a float type read, made once and kept (see ``prepare``)."""
@@ -268,4 +270,5 @@ def evaluate(
     wi, wv = _broadcast(wi, wv)
     make = vector_type(dtype)
     light, view = (make(*np.ascontiguousarray(w.reshape(-1, 3).T)) for w in (wi, wv))
-    return np.array(brdf.eval(light, view, tables), dtype=np.float64).T.reshape(wi.shape)
+    values: np.ndarray = np.array(brdf.eval(light, view, tables), dtype=np.float64)
+    return values.T.reshape(wi.shape)

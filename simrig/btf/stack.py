@@ -95,7 +95,7 @@ class BtfStack(Shown):
     @property
     def nbytes(self) -> int:
         """Bytes of all values as they are stored in memory."""
-        return int(np.prod(self.values.shape, dtype=object)) * self.values.dtype.itemsize
+        return int(np.prod(self.values.shape, dtype=object)) * int(self.values.dtype.itemsize)
 
     @property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:

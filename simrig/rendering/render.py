@@ -128,7 +128,7 @@ def load(scene: Any) -> Any:
     return _load_dict(scene, "scene") if isinstance(scene, dict) else scene
 
 
-def _load_dict(description: dict, what: str) -> Any:
+def _load_dict(description: dict[str, Any], what: str) -> Any:
     with building(f"the {what}"):
         return mi.load_dict(description)
 
