@@ -270,5 +270,5 @@ def evaluate(
     wi, wv = _broadcast(wi, wv)
     make = vector_type(dtype)
     light, view = (make(*np.ascontiguousarray(w.reshape(-1, 3).T)) for w in (wi, wv))
-    values: np.ndarray = np.array(brdf.eval(light, view, tables), dtype=np.float64)
-    return values.T.reshape(wi.shape)
+    values = np.array(brdf.eval(light, view, tables), dtype=np.float64)
+    return np.reshape(values.T, wi.shape)

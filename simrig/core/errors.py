@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-
 _ALSO = {"delta-e": "dE", "delta-e-1976": "dE"}  # what people write for names of ours
 
 
