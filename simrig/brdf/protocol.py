@@ -266,7 +266,8 @@ def evaluate(
     kind = np.ndarray if dtype is None else dtype
     tables = brdf.tables(kind, differentiable)
     if dtype is None:
-        return brdf.eval(np.asarray(wi), np.asarray(wv), tables)
+        values: np.ndarray = brdf.eval(np.asarray(wi), np.asarray(wv), tables)
+        return values
     wi, wv = _broadcast(wi, wv)
     make = vector_type(dtype)
     light, view = (make(*np.ascontiguousarray(w.reshape(-1, 3).T)) for w in (wi, wv))
