@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from simrig.brdf import Lambert, kurt_material
+from simrig.core.colour import to_lab
 from simrig.core.errors import SimrigError
 from simrig.evaluation.comparison import (
     IMAGE_METRICS,
@@ -19,7 +20,7 @@ from simrig.evaluation.comparison import (
     metric_table,
 )
 from simrig.evaluation.metrics import images as metrics
-from simrig.files.images import to_srgb8
+from simrig.files.images import encode_srgb, to_srgb8
 
 # Sharma, Wu, Dalal: "The CIEDE2000 Color-Difference Formula: Implementation Notes, Supplementary
 # Test Data, and Mathematical Observations", 2005, table 1: pairs 7, 13, 17, 20, 25, 34, which sRGB
@@ -52,6 +53,23 @@ def test_pixels_of_the_published_pairs_have_the_published_difference(first, seco
     first, second = (_linear_from_lab(np.array([[lab]])) for lab in (first, second))
     found = metrics.delta_e_map(first, second, formula="2000")
     np.testing.assert_allclose(found, expected, atol=2e-3)  # four-digit sRGB matrices
+
+
+def test_lab_is_that_of_colour_science(rng):
+    import colour
+
+    linear = np.concatenate([rng.uniform(0.0, 1.0, (500, 3)), 10.0 ** rng.uniform(-6, 0, (500, 3))])
+    expected = colour.XYZ_to_Lab(colour.sRGB_to_XYZ(linear, apply_cctf_decoding=False))
+    np.testing.assert_allclose(to_lab(linear), expected, atol=0.02)  # of 100: digits of the white
+    np.testing.assert_allclose(to_lab(np.full((5, 3), 0.3))[:, 1:], 0.0, atol=1e-12)  # grey is grey
+
+
+def test_the_srgb_curve_is_that_of_colour_science(rng):
+    import colour
+
+    linear = np.concatenate([rng.uniform(0.0, 1.0, 500), 10.0 ** rng.uniform(-6, 0, 500)])
+    expected = colour.cctf_encoding(linear, function="sRGB")
+    np.testing.assert_allclose(encode_srgb(linear), expected, atol=1e-7)
 
 
 def test_delta_e_1976_is_the_distance_in_lab():

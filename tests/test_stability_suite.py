@@ -334,7 +334,7 @@ def test_gantry_rows_are_clean_and_planted_flaws_are_found(monkeypatch):
     assert not flagged, stability_markdown(flagged, every_case=True)
     objects = {row.object for row in rows}
     assert {"gantry, A", "gantry, B", "gantry, BD"} < objects
-    assert {"Lafortune fit", "optimal transport"} < objects
+    assert {"Minnaert fit", "optimal transport"} < objects
     assert all(row.condition for row in rows if row.object == "gantry, A")
     small = gantry.linear
     monkeypatch.setattr(gantry, "linear", lambda ends, w, axis: small(ends, w, axis) + 1e-6)

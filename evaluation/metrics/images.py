@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from simrig.core.colour import LUMINANCE
+from simrig.core.colour import LUMINANCE, to_lab
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.images import as_image, encode_srgb, to_srgb8
 
@@ -85,14 +85,13 @@ def delta_e_map(
     """
     if formula not in ("1976", "2000"):
         raise unknown_name("ΔE formula", formula, ("1976", "2000"))
-    first, second, _ = check_pair(reference, image)
+    pair = check_pair(reference, image)[:2]
+    first, second = (to_lab(exposure * linear.astype(np.float64)) for linear in pair)
+    if formula == "1976":
+        return np.linalg.norm(first - second, axis=-1)
     import colour  # takes more than a second to import
 
-    def to_lab(linear: np.ndarray) -> np.ndarray:
-        shown = np.clip(exposure * linear.astype(np.float64), 0.0, 1.0)
-        return colour.XYZ_to_Lab(colour.sRGB_to_XYZ(shown, apply_cctf_decoding=False))
-
-    return colour.delta_E(to_lab(first), to_lab(second), method=f"CIE {formula}")
+    return colour.delta_E(first, second, method="CIE 2000")
 
 
 def mse(

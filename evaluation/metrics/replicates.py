@@ -19,10 +19,10 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from simrig.core.colour import to_lab
 from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.images import displayed, foreground_mask, psnr_from_mse
@@ -230,7 +230,7 @@ def difference(
         mask = foreground_mask(reference.image, other.image)
     if mask.shape != reference.halves.shape[1:3] or not mask.any():
         raise SimrigError(f"the mask of shape {mask.shape} does not fit or leaves no pixel")
-    lab = _vectors(reference, other, lambda image: _lab(exposure * image), mask)
+    lab = _vectors(reference, other, lambda image: to_lab(exposure * image), mask)
     shown = _vectors(reference, other, lambda image: displayed(image, exposure), mask)
     radiance = _vectors(reference, other, lambda image: image, mask)
     mean = float(reference.image[mask].mean()) or 1.0
@@ -293,7 +293,7 @@ def distances(
     """
     first, second = reference[mask], image[mask]
     mean = float(first.mean()) or 1.0
-    delta_e = np.linalg.norm(_lab(exposure * first) - _lab(exposure * second), axis=-1)
+    delta_e = np.linalg.norm(to_lab(exposure * first) - to_lab(exposure * second), axis=-1)
     shown = displayed(first, exposure) - displayed(second, exposure)
     return {
         "dE": float(delta_e.mean()),
@@ -302,11 +302,3 @@ def distances(
         "relative": float(np.abs(first - second).mean()) / mean,
         "relative_rms": math.sqrt(float(((first - second) ** 2).mean())) / mean,
     }
-
-
-def _lab(image: np.ndarray) -> np.ndarray:
-    """Return CIE L*a*b* (D65) of the displayed picture, as ``metrics.delta_e_map`` has it."""
-    import colour  # takes more than a second to import
-
-    shown: Any = np.clip(image, 0.0, 1.0)
-    return colour.XYZ_to_Lab(colour.sRGB_to_XYZ(shown, apply_cctf_decoding=False))

@@ -36,3 +36,13 @@ def lab_roots(linear: np.ndarray) -> np.ndarray:
     """
     xyz = linear @ _TO_XYZ_OVER_WHITE.T
     return np.where(xyz > _LINEAR, np.cbrt(xyz), _SLOPE * xyz + 4.0 / 29.0)
+
+
+def to_lab(linear: np.ndarray) -> np.ndarray:
+    """Return CIE L*a*b* under D65 (CIE 15) of displayed linear RGB, shape (..., 3).
+
+    Args:
+        linear: (..., 3) with sRGB primaries, clipped to [0, 1] as a display does.
+    """
+    x, y, z = np.moveaxis(lab_roots(np.clip(linear, 0.0, 1.0)), -1, 0)
+    return np.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], axis=-1)

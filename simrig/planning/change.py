@@ -10,18 +10,12 @@ import itertools
 
 import numpy as np
 
-from simrig.core.colour import lab_roots
+from simrig.core.colour import to_lab
 from simrig.core.effects import Tolerance
 from simrig.files.images import encode_srgb
 
 _STEPS = (0.0, 0.5, 1.0)  # of each channel's bound at which the worst colour is searched
 _PEAK = 255.0
-
-
-def to_lab(linear: np.ndarray) -> np.ndarray:
-    """Return CIE L*a*b* under D65 of displayed linear sRGB in [0, 1], shape (..., 3)."""
-    x, y, z = np.moveaxis(lab_roots(np.clip(linear, 0.0, 1.0)), -1, 0)
-    return np.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], axis=-1)
 
 
 class Display:
