@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 SOURCES := simrig plugins scenes evaluation tests
 
-.PHONY: help install constraints demo test test-quick test-random coverage lint types format \
+.PHONY: help install constraints demo test test-quick test-random coverage lint types format rooms \
 	doctor clean
 
 help:
@@ -19,6 +19,7 @@ help:
 	@echo "make coverage    the quick tests, and which lines they run"
 	@echo "make lint        ruff and mypy"
 	@echo "make format      let ruff rewrite the code"
+	@echo "make rooms       draw who imports whom into the docs, count the lines of every room"
 	@echo "make doctor      say what is missing and how to get it"
 	@echo "make install     set up only"
 	@echo "make constraints write down the versions that are installed, as those to be tested"
@@ -71,6 +72,10 @@ types: $(READY)
 format: $(READY)
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
+
+rooms: $(READY)
+	@$(BIN)/python tests/rooms.py --draw
+	@$(BIN)/python tests/rooms.py
 
 doctor: $(READY)
 	$(BIN)/simrig doctor

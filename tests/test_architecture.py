@@ -7,14 +7,12 @@ import importlib
 import inspect
 import subprocess
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("simrig", "plugins", "scenes", "evaluation")
+from rooms import ROOT, Arrow, arrows, every_arrow, imports, only_for_types, source_files
 
 MATERIALS = {"core", "directions", "brdf", "btf"}
 STRUCTURES = {"core", "mesostructure"}
@@ -62,67 +60,6 @@ TOP_LEVEL = {
 }
 
 
-@dataclass(frozen=True)
-class Arrow:
-    """An import of one room by another."""
-
-    file: str
-    line: int
-    source: str
-    target: str
-    lazy: bool
-
-    def __str__(self) -> str:
-        return f"{self.file}:{self.line}: {self.source} imports {self.target}"
-
-
-def source_files() -> list[Path]:
-    return [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
-
-
-def room_of_file(path: Path) -> str:
-    first, *rest = path.relative_to(ROOT).parts
-    return rest[0].removesuffix(".py") if first == "simrig" else first
-
-
-def room_of_module(module: str) -> str:
-    parts = module.split(".")
-    return parts[1] if len(parts) > 1 else "__init__"
-
-
-def imported_modules(node: ast.AST) -> list[str]:
-    if isinstance(node, ast.Import):
-        return [name.name for name in node.names]
-    if isinstance(node, ast.ImportFrom) and node.module == "simrig":
-        return [f"simrig.{name.name}" for name in node.names]
-    if isinstance(node, ast.ImportFrom):
-        return [node.module or ""]
-    return []
-
-
-def only_for_types(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-
-
-def imports(node: ast.AST, lazy: bool = False) -> Iterator[tuple[int, str, bool]]:
-    """Yield (line, module, inside a function or for types only) of every import below a node."""
-    for child in ast.iter_child_nodes(node):
-        for module in imported_modules(child):
-            yield child.lineno, module, lazy  # type: ignore[attr-defined]
-        function = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        yield from imports(child, lazy or function or only_for_types(child))
-
-
-def arrows(path: Path, text: str) -> Iterator[Arrow]:
-    source = room_of_file(path)
-    for line, module, lazy in imports(ast.parse(text)):
-        if module.split(".")[0] != "simrig":
-            continue
-        target = room_of_module(module)
-        if target not in (source, "__init__", "__version__"):
-            yield Arrow(str(path.relative_to(ROOT)), line, source, target, lazy)
-
-
 def forbidden(arrow: Arrow) -> bool:
     if (arrow.source, arrow.target) in LAZILY:
         return not arrow.lazy
@@ -130,9 +67,7 @@ def forbidden(arrow: Arrow) -> bool:
 
 
 def test_rooms_import_only_what_the_plan_allows() -> None:
-    bad = [
-        str(a) for path in source_files() for a in arrows(path, path.read_text()) if forbidden(a)
-    ]
+    bad = [str(arrow) for arrow in every_arrow() if forbidden(arrow)]
     assert not bad, "\n".join(["against docs/architecture.md:", *bad])
 
 
