@@ -11,7 +11,7 @@ import pytest
 
 from simrig.core import backend
 from simrig.core.colour import LUMINANCE
-from simrig.evaluation.comparison import compare_images
+from simrig.evaluation.metrics.comparison import compare_images
 from simrig.rendering.render import render
 
 SIZE = {"width": 16, "height": 12}

@@ -13,10 +13,11 @@ from command_line import done, refusal, simrig
 from simrig.brdf import kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core.errors import SimrigError
+from simrig.evaluation.metrics.meanings import COSTS
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.pareto import study as pareto
-from simrig.evaluation.studies.pareto.choice import COSTS, METRICS, advise, summarise_rows
+from simrig.evaluation.studies.pareto.choice import METRICS, advise, summarise_rows
 from simrig.evaluation.studies.pareto.shown import subject_tables
 from simrig.files.load import save_material
 from simrig.methods import METHODS
@@ -74,8 +75,8 @@ def test_fronts_are_what_nothing_beats() -> None:
     assert len(marked) == 30
     for metric in METRICS.values():
         name = next(key for key, value in METRICS.items() if value is metric)
-        for cost, of in COSTS.items():
-            places = [(of(one), metric.error(one)) for one in marked]
+        for cost, key in COSTS.items():
+            places = [(one[key], metric.error(one)) for one in marked]
             for place, one in zip(places, marked, strict=True):
                 beaten = any(
                     other != place and other[0] <= place[0] and other[1] <= place[1]

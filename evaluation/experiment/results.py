@@ -18,16 +18,11 @@ from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.resample import is_isotropic
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.errors import SimrigError
-from simrig.evaluation.comparison import (
-    BRDF_METRICS,
-    IMAGE_METRICS,
-    Metric,
-    compare_brdfs,
-    finite,
-)
 from simrig.evaluation.experiment.config import ComparisonSettings
 from simrig.evaluation.experiment.measured_half import MeasuredHalf
 from simrig.evaluation.metrics.angular_grid import AngularGrid
+from simrig.evaluation.metrics.comparison import compare_brdfs, finite
+from simrig.evaluation.metrics.meanings import BRDF_METRICS, COSTS, IMAGE_METRICS, Metric
 from simrig.evaluation.metrics.mre import RelativeError, mre_estimate
 from simrig.rigs.fingerprint import fingerprint
 from simrig.viewing.plots import pareto_front
@@ -35,13 +30,9 @@ from simrig.viewing.plots import pareto_front
 FORMAT, FORMAT_VERSION = "simrig experiment", 1
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "scikit-image", "colour-science")
 
-# what the accuracy-versus-cost curves show: key, name, unit
-ACCURACY = (("mre_percent", "MRE", "%"), ("delta_e", "mean CIE ΔE 1976 of the pictures", "ΔE"))
-COSTS = (
-    ("samples", "samples", ""),
-    ("hardware_hours", "simulated hardware time", "h"),
-    ("compute_seconds", "computing time", "s"),
-)
+# what the accuracy-versus-cost curves show
+ACCURACY = ("mre_percent", "delta_e")
+_COSTS = tuple(COSTS[name] for name in ("samples", "hours", "seconds"))
 
 
 def comparison_grid(settings: ComparisonSettings, theta_max_deg: float) -> AngularGrid:
@@ -170,9 +161,9 @@ def accuracy_versus_cost(records: Sequence[Mapping[str, Any]]) -> list[dict[str,
             {**row, "mre_percent": record["brdf"]["mre_percent"], **means, **record["total"]}
         )
     for row in rows:
-        row["pareto"] = {error: [] for error, *_ in ACCURACY}
-    for error, *_ in ACCURACY:
-        for cost, *_ in COSTS:
+        row["pareto"] = {error: [] for error in ACCURACY}
+    for error in ACCURACY:
+        for cost in _COSTS:
             for index in pareto_front([r[cost] for r in rows], [r[error] for r in rows]):
                 rows[index]["pareto"][error].append(cost)
     return rows
@@ -186,7 +177,7 @@ def metric_meanings() -> dict[str, dict[str, Any]]:
             name: {
                 "label": metric.label,
                 "unit": metric.unit,
-                "better": "lower" if metric.lower_is_better else "higher",
+                "better": metric.better,
                 "about": metric.about,
             }
             for name, metric in meanings.items()

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.protocol import Brdf
-from simrig.evaluation.comparison import compare_images
 from simrig.evaluation.experiment.checkpoint import Checkpoint, Steps
 from simrig.evaluation.experiment.config import Experiment, SceneSettings
 from simrig.evaluation.experiment.plans import experiment_scene, plan_experiment_scene
 from simrig.evaluation.experiment.rendering import USUAL_SPP
 from simrig.evaluation.metrics import images as metrics
+from simrig.evaluation.metrics.comparison import compare_images
 from simrig.files.images import read_image, write_exr, write_png
 from simrig.planning import planned_integrator
 from simrig.rendering import render as rendering

@@ -12,7 +12,7 @@ from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.evaluation.comparison import Comparison
+    from simrig.evaluation.metrics.comparison import Comparison
 
 
 def register(app: typer.Typer) -> None:
@@ -62,7 +62,7 @@ def compare(
     """
     from contextlib import ExitStack
 
-    from simrig.evaluation.comparison import Comparison
+    from simrig.evaluation.metrics.comparison import Comparison
     from simrig.files.load import load_material
     from simrig.files.pictures import read_picture
     from simrig.front_door.comparing import are_pictures

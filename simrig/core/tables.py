@@ -13,6 +13,7 @@ def text_table(
     *,
     left: Sequence[int] = (0,),
     below: Iterable[Sequence[Any]] = (),
+    caption: str = "",
 ) -> Any:
     """Return a rich table.
 
@@ -22,12 +23,20 @@ def text_table(
         rows: of cells; a float is shown with four digits, anything else as it is.
         left: indices of the columns that are aligned to the left; numbers read best to the right.
         below: more rows, under a line (sums and means).
+        caption: below it.
     """
     from rich import box
     from rich.table import Table
     from rich.text import Text  # plain text: a bracket in a cell is no markup
 
-    made = Table(box=box.SIMPLE_HEAD, title=title or None, title_justify="left", pad_edge=False)
+    made = Table(
+        box=box.SIMPLE_HEAD,
+        title=title or None,
+        title_justify="left",
+        caption=caption or None,
+        caption_justify="left",
+        pad_edge=False,
+    )
     leading = {index % len(columns) for index in left}
     for index, column in enumerate(columns):
         justify: Any = "left" if index in leading else "right"

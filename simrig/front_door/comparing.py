@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simrig.core.errors import SimrigError
-from simrig.evaluation.comparison import (
+from simrig.evaluation.metrics.comparison import (
     BrdfComparison,
     Comparison,
     compare_brdfs,
@@ -67,8 +67,8 @@ def compare(
         SimrigError: one of each kind, pictures of different sizes, values that are not finite, or
             options of the other kind.
 
-    Source: thesis section 5.4 for the metrics of BRDFs; ``simrig.evaluation.comparison`` says how
-    each is taken.
+    Source: thesis section 5.4 for the metrics of BRDFs; ``simrig.evaluation.metrics.comparison``
+    says how each is taken.
     """
     given = {
         "step_deg": step_deg,

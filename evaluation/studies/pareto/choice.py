@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +12,9 @@ import numpy as np
 
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.evaluation.metrics.images import PEAK
+from simrig.evaluation.metrics.meanings import BRDF_METRICS, COSTS, IMAGE_METRICS, Metric
 from simrig.viewing.plots import pareto_front
 
-COSTS: dict[str, Callable[[Mapping[str, Any]], float]] = {
-    "samples": lambda row: row["samples"],
-    "hours": lambda row: row["hardware_hours"],
-    "seconds": lambda row: row["compute_seconds"],
-    "bytes": lambda row: row["bytes"],
-}
 _PARTS = ("sampling_seconds", "reconstruction_seconds", "rendering_seconds")
 _AVERAGED = (
     "hardware_hours",
@@ -33,20 +28,28 @@ _AVERAGED = (
 
 
 @dataclass(frozen=True)
-class Metric:
+class ErrorColumn:
     """A way to count the error of a result.
 
     Attributes:
-        label: of tables, with its unit.
+        metric: what the numbers mean.
         key: in the rows.
-        lower_is_better: false for PSNR.
         spread: key of its standard error, where it is estimated.
     """
 
-    label: str
+    metric: Metric
     key: str
-    lower_is_better: bool = True
     spread: str | None = None
+
+    @property
+    def label(self) -> str:
+        """Of tables, with its unit."""
+        return self.metric.heading
+
+    @property
+    def lower_is_better(self) -> bool:
+        """False for PSNR."""
+        return self.metric.lower_is_better
 
     def error(self, row: Mapping[str, Any]) -> float:
         """Return what falls when a result gets better, above 0 for logarithmic axes.
@@ -63,19 +66,19 @@ class Metric:
 
     def text(self, row: Mapping[str, Any]) -> str:
         """Return the error with its standard error and unit."""
-        name, _, unit = self.label.partition(" [")
         spread = f" ± {row[self.spread]:.2g}" if self.spread else ""
-        return f"{name} {row[self.key]:.3g}{spread} {unit.rstrip(']')}".rstrip()
+        unit = "" if self.label == self.metric.label else self.metric.unit
+        return f"{self.metric.label} {row[self.key]:.3g}{spread} {unit}".rstrip()
 
 
-METRICS: dict[str, Metric] = {
-    "mre": Metric("MRE [%]", "mre_percent", spread="mre_standard_error_percent"),
-    "dE": Metric("mean ΔE", "delta_e"),
-    "psnr": Metric("PSNR [dB]", "psnr", lower_is_better=False),
+METRICS: dict[str, ErrorColumn] = {
+    "mre": ErrorColumn(BRDF_METRICS["mre"], "mre_percent", "mre_standard_error_percent"),
+    "dE": ErrorColumn(IMAGE_METRICS["delta_e"], "delta_e"),
+    "psnr": ErrorColumn(IMAGE_METRICS["psnr"], "psnr"),
 }
 
 
-def find_metric(name: str) -> Metric:
+def find_metric(name: str) -> ErrorColumn:
     """Return a metric by name.
 
     Raises:
@@ -146,8 +149,8 @@ def _mark(rows: Sequence[dict[str, Any]]) -> None:
         row["front"] = {name: [] for name in METRICS}
     for name, metric in METRICS.items():
         errors = [metric.error(row) for row in rows]
-        for cost, of in COSTS.items():
-            for index in pareto_front([of(row) for row in rows], errors):
+        for cost, key in COSTS.items():
+            for index in pareto_front([row[key] for row in rows], errors):
                 rows[index]["front"][name].append(cost)
 
 
@@ -169,7 +172,7 @@ def check_wish(budget_hours: float | None, error: float | None) -> bool:
 
 def advise(
     subject: Mapping[str, Any],
-    metric: Metric,
+    metric: ErrorColumn,
     budget_hours: float | None = None,
     error: float | None = None,
 ) -> dict[str, Any]:
@@ -197,7 +200,7 @@ def advise(
         fitting = [row for row in rows if row["hardware_hours"] <= wish]
         nearest = min(rows, key=_hours, default=None)
     else:
-        asked = f"for {metric.label.split(' [')[0]} {'≤' if metric.lower_is_better else '≥'} "
+        asked = f"for {metric.metric.label} {'≤' if metric.lower_is_better else '≥'} "
         asked += f"{wish:g}"
         fitting = [row for row in rows if metric.reached(row, wish)]
         nearest = min(rows, key=metric.error, default=None)
@@ -220,7 +223,7 @@ def _hours(row: Mapping[str, Any]) -> float:
     return float(row["hardware_hours"])
 
 
-def _told(row: Mapping[str, Any], metric: Metric) -> str:
+def _told(row: Mapping[str, Any], metric: ErrorColumn) -> str:
     return (
         f"{row['method']} with {row['samples']:,} samples: {row['hardware_hours']:.3g} h, "
         f"{metric.text(row)}"

@@ -8,14 +8,15 @@ from typing import Any
 
 from simrig.core.cost import Cost
 from simrig.core.tables import text_table
+from simrig.evaluation.metrics.meanings import COSTS
 from simrig.evaluation.studies.engine.base import Row
-from simrig.evaluation.studies.pareto.choice import COSTS, METRICS, Metric
+from simrig.evaluation.studies.pareto.choice import METRICS, ErrorColumn
 from simrig.viewing.plots import COST_AXES, CostAxis, CostPoint, accuracy_versus_cost
 
 AXES = (*COST_AXES, CostAxis("size of the result [KB]", lambda cost: cost.bytes / 1000.0))
 _SECONDS = {
     "sampling [s]": "sampling_seconds",
-    "rebuilding [s]": "reconstruction_seconds",
+    "reconstruction [s]": "reconstruction_seconds",
     "rendering [s]": "rendering_seconds",
     "compiling [s]": "compile_seconds",
 }
@@ -94,7 +95,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return files
 
 
-def _plot(subject: Mapping[str, Any], metric: Metric, path: Path) -> None:
+def _plot(subject: Mapping[str, Any], metric: ErrorColumn, path: Path) -> None:
     points = [CostPoint(row["method"], _cost(row), metric.error(row)) for row in subject["rows"]]
     label = metric.label if metric.lower_is_better else "displayed RMS [of 255]"
     accuracy_versus_cost(points, label, axes=AXES, title=subject["name"], path=path)

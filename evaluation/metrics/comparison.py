@@ -8,56 +8,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.shown import Exhibit, Shown, beside
+from simrig.core.tables import text_table
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.metrics.angular_grid import CHANNELS, AngularGrid, grid_sums
+from simrig.evaluation.metrics.meanings import BRDF_METRICS, IMAGE_METRICS, Metric
 from simrig.evaluation.metrics.mre import RelativeError, relative_error
 from simrig.files.pictures import as_image
 from simrig.viewing.brdf.picture import shown_brdfs
-
-
-@dataclass(frozen=True)
-class Metric:
-    """What a number means.
-
-    Attributes:
-        label: its name in tables.
-        unit: its unit, empty for a pure number.
-        lower_is_better: its direction.
-        about: one line that says how it is taken.
-    """
-
-    label: str
-    unit: str
-    lower_is_better: bool
-    about: str
-
-    @property
-    def direction(self) -> str:
-        """``"lower is better"`` or ``"higher is better"``."""
-        return "lower is better" if self.lower_is_better else "higher is better"
-
-
-IMAGE_METRICS: dict[str, Metric] = {
-    "delta_e": Metric("CIE ΔE 1976", "ΔE", True, "mean over pixels, L*a*b* under D65"),
-    "delta_e_2000": Metric("CIE ΔE 2000", "ΔE", True, "mean over pixels, L*a*b* under D65"),
-    "mse": Metric("MSE", "8-bit steps²", True, "sRGB scaled to 255"),
-    "rmse": Metric("RMSE", "8-bit steps", True, "sRGB scaled to 255"),
-    "psnr": Metric("PSNR", "dB", False, "sRGB scaled to 255, peak 255"),
-    "ssim": Metric("SSIM", "", False, "sRGB, Gaussian 11×11, mean of the channels"),
-    "log_psnr": Metric("log-PSNR", "dB", False, "linear values, peak 1e4, floor 1e-5"),
-    "flip": Metric("FLIP", "", True, "mean over pixels, 67 pixels per degree"),
-    "hdr_flip": Metric("HDR-FLIP", "", True, "mean over pixels, linear values"),
-}
-
-BRDF_METRICS: dict[str, Metric] = {
-    "mre": Metric("MRE", "%", True, "mean of |f − f'| / f over the grid"),
-    "rmse": Metric("RMSE", "1/sr", True, "over the grid"),
-    "log_psnr": Metric("log-PSNR", "dB", False, "peak 1e4, floor 1e-5"),
-}
 
 
 @dataclass(frozen=True)
@@ -137,7 +97,7 @@ class Comparison(Shown):
         }
         return Exhibit("Comparison of two pictures", facts, self.maps.difference)
 
-    def table(self, title: str = "Image comparison") -> Table:
+    def table(self, title: str = "Image comparison") -> Any:
         """Return the numbers as a table for the terminal."""
         values = {name: getattr(self, name) for name in IMAGE_METRICS}
         caption = f"{self.pixels:,} pixels, exposure {self.exposure:g}"
@@ -201,7 +161,7 @@ class BrdfComparison(Shown):
         facts |= {"picture": f"left {truth.name}, right {other.name}"}
         return Exhibit("Comparison of two materials", facts, beside(pictures))
 
-    def table(self, title: str = "BRDF comparison") -> Table:
+    def table(self, title: str = "BRDF comparison") -> Any:
         """Return the numbers as a table for the terminal."""
         values = {name: getattr(self, name) for name in BRDF_METRICS}
         caption = (
@@ -235,23 +195,27 @@ def finite(value: float) -> float | None:
 
 
 def metric_table(
-    columns: dict[str, dict[str, float]],
-    meanings: dict[str, Metric],
+    columns: Mapping[str, Mapping[str, float]],
+    meanings: Mapping[str, Metric],
     title: str,
-    caption: str | None = None,
-) -> Table:
+    caption: str = "",
+) -> Any:
     """Return metrics side by side as a table: one row per metric, one column per result."""
-    table = Table(title=title, caption=caption, caption_justify="left")
-    table.add_column("metric")
-    for name in columns:
-        table.add_column(name, justify="right")
-    for heading in ("unit", "better", "how"):
-        table.add_column(heading)
-    for name, meaning in meanings.items():
-        values = [_number(column[name]) for column in columns.values()]
-        better = "lower" if meaning.lower_is_better else "higher"
-        table.add_row(meaning.label, *values, meaning.unit, better, meaning.about)
-    return table
+    rows = (
+        (
+            meaning.label,
+            *(_number(column[name]) for column in columns.values()),
+            *(meaning.unit, meaning.better, meaning.about),
+        )
+        for name, meaning in meanings.items()
+    )
+    return text_table(
+        title,
+        ("metric", *columns, "unit", "better", "how"),
+        rows,
+        left=(0, -3, -2, -1),
+        caption=caption,
+    )
 
 
 def _number(value: float) -> str:
