@@ -191,7 +191,9 @@ def test_the_command_writes_a_table_and_says_what_to_choose(small: Path) -> None
     assert len(rows) == 2 and rows[0].keys() >= fronts | seconds | {"hardware_hours", "bytes"}
     assert rows[0]["mre_over_hours"] == "True"
     text = simrig("pareto", "wood01", *options, "--error", "0.0001", "--metric", "dE").stdout
-    assert "wood01, for CIE ΔE 1976 ≤ 0.0001: nothing that was tried will do" in " ".join(text.split())
+    assert "wood01, for CIE ΔE 1976 ≤ 0.0001: nothing that was tried will do" in " ".join(
+        text.split()
+    )
 
 
 def test_too_few_samples_for_every_method_are_refused(small: Path) -> None:
