@@ -5,7 +5,8 @@ The docstrings are the manual; ``simrig.plugins.manual`` makes docs/plugins.md f
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -103,16 +104,32 @@ def simrig_slices(props: Any) -> Brdf:
 def simrig_table(props: Any) -> Brdf:
     """A BRDF from a file of any format that simrig reads.
 
+    What the file says about its values is used; what it cannot say, the options of
+    `simrig convert` do, under the same names (see docs/formats.md).
+
     | parameter | type | default | differentiable | meaning |
     | --- | --- | --- | --- | --- |
     | filename | string | required | the table's values | measured or reconstructed material |
     | rotation | float | 0 | `rotation` | degrees about the normal |
+    | factor | float | 1 | – | makes the file's values f_r in 1/sr |
+    | clamp_negative | boolean | false | – | negative values count as 0 |
+    | layout | string | `6x48` | – | UTIA: polar angles x azimuths |
+    | theta_step | float | – | – | UTIA: degrees; 90 over the count of polar angles |
+    | encoding | string | linear | – | UTIA: `linear` or `srgb` |
+    | colour | string | rgb | – | UTIA: `rgb` or `xyz` |
+    | axes, variable | string | – | – | arrays: what the axes are, which array |
+    | wavelength | float | – | – | nm of the one that becomes grey |
+    | wavelengths | string | – | – | RGL: first:last in nm |
+    | side | string | – | – | WINDOW: `front` or `back` |
 
     ```python
     {"type": "simrig_table", "filename": "table.h5"}
     ```
     """
-    return _load("simrig_table", props)
+    from simrig.files.load import ReadOptions
+
+    given = {f.name: props[f.name] for f in fields(ReadOptions) if f.name in props}
+    return _load("simrig_table", props, given)
 
 
 PLUGINS: dict[str, Callable[[Any], Brdf]] = {
@@ -140,11 +157,11 @@ def resolved(plugin: str, props: Any) -> Path:
     return path
 
 
-def _load(plugin: str, props: Any) -> Brdf:
+def _load(plugin: str, props: Any, options: Mapping[str, Any] | None = None) -> Brdf:
     """Load the material in the file that ``filename`` names."""
     from simrig.files.load import load_material
 
-    return load_material(resolved(plugin, props))
+    return load_material(resolved(plugin, props), **(options or {}))
 
 
 @cache

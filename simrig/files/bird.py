@@ -58,13 +58,14 @@ def read_bird(
     """
     path = existing_file(path)
     data = _data(path)
-    angles = np.stack([_angle(path, data, name) for name in _ANGLES], axis=1)
+    columns = [_angle(path, data, name) for name in _ANGLES]
     values = _array(path, data, "BRDF")
+    if {len(column) for column in columns} != {len(values)}:
+        raise SimrigError(f"BiRD file '{path}' has arrays of different lengths")
+    angles = np.stack(columns, axis=1)
     unit = str(data["BRDF"].get("unit", "1/sr")).replace(" ", "")
     if unit not in ("1/sr", "sr^-1", "sr-1", "sr⁻¹", ""):
         raise SimrigError(f"BiRD file '{path}' has a BRDF in '{unit}', not in 1/sr")
-    if len({len(values), *(len(column) for column in angles.T)}) != 1:
-        raise SimrigError(f"BiRD file '{path}' has arrays of different lengths")
     negative = int((values < 0.0).sum())
     if negative and not clamp_negative:
         raise SimrigError(f"'{path}' has {negative} negative of {values.size} values{CLAMP}")

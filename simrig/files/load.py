@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,10 @@ def load_material(spec: str | Path, clamp_negative: bool = False, **options: Any
         SimrigError: no such name or file; a file that is not a material, with what it is; a
             damaged file.
     """
+    known = [option.name for option in fields(ReadOptions)]
+    for name in options:
+        if name not in known:
+            raise unknown_name("option of reading", name, known)
     return read_material(spec, ReadOptions(clamp_negative, **options)).brdf
 
 

@@ -18,9 +18,7 @@ from simrig.files.window.xml import is_window_xml
 _START = 4096  # bytes that are looked at to find out what a file is
 _XML_START = 1 << 16  # the structure of a BSDF stands behind the description of its material
 _UBO_FIELD = "f_view_light_rgb.npy"
-_INSTEAD = (
-    "not read: convert it to ASTM E2387 text, BiRD JSON, Klems XML or a NumPy array, which are"
-)
+_INSTEAD = "not read: convert it to ASTM E2387 text, BiRD JSON, Klems XML or a NumPy array"
 
 _MAGIC = {
     tensor_file.MAGIC: "rgl",
@@ -89,12 +87,12 @@ def file_format(path: str | Path) -> str:
             return name
     for magic, what in _OTHER.items():
         if start.startswith(magic):
-            raise SimrigError(f"'{path}' is {what}, not a material")
+            raise _other(path, what)
     text = _as_text(start)
     if text is not None:
         return _text_format(path, text)
     if path.suffix.lower() in _ENDINGS:
-        raise SimrigError(f"'{path}' is {_ENDINGS[path.suffix.lower()]}, not a material")
+        raise _other(path, _ENDINGS[path.suffix.lower()])
     if merl.is_merl(start, size) or path.suffix == ".binary":
         return "merl"
     if size == utia.DATABASE.bytes or path.suffix == ".bin":
@@ -104,6 +102,11 @@ def file_format(path: str | Path) -> str:
     raise SimrigError(
         f"'{path}' is of no format that is known (known: {', '.join(sorted(FORMATS))})"
     )
+
+
+def _other(path: Path, what: str) -> SimrigError:
+    """Return the error for a file that has a name and is no material that is read."""
+    return SimrigError(f"'{path}' is {what}" + ("" if ", not read" in what else ", not a material"))
 
 
 def _archive(path: Path) -> str:
@@ -140,7 +143,7 @@ def _text_format(path: Path, text: str) -> str:
         return "bird"
     for pattern, what in _TEXTS:
         if re.search(pattern, text, re.MULTILINE):
-            raise SimrigError(f"'{path}' is {what}, not a material")
+            raise _other(path, what)
     if text.lstrip().startswith("{"):
         raise SimrigError(
             f"'{path}' is JSON, but no BRDF of the BiRD format (no 'metadata'): not a material"
@@ -163,7 +166,7 @@ def _xml_format(path: Path) -> str:
     if is_window_xml(text):
         return "tensor-tree" if "TensorTree" in text else "klems"
     what = "a Mitsuba scene" if re.search(r"<scene\b", text) else "an XML file (a scene?)"
-    raise SimrigError(f"'{path}' is {what}, not a material")
+    raise _other(path, what)
 
 
 def _is_number(word: str) -> bool:

@@ -35,7 +35,7 @@ def materials() -> dict[str, str]:
 
 
 def load(
-    source: str | Path, *, clamp_negative: bool = False
+    source: str | Path, *, clamp_negative: bool = False, **stated: Any
 ) -> Brdf | BtfStack | Tile | Measurement:
     """Return a material or a measurement.
 
@@ -43,6 +43,8 @@ def load(
         source: a name of ``materials()``, or a file. What a file is, is told by its content:
             simrig's own (HDF5: BRDF, BTF, measurement), MERL, UTIA, RGL, Cornell, UBO2014, ...
         clamp_negative: set negative values of measurement noise to 0 instead of refusing them.
+        stated: what a file of a material cannot say: ``factor``, ``layout``, ``encoding``,
+            ``colour``, ``axes``, ``side``, ... (``simrig.files.formats.ReadOptions``).
 
     Returns:
         A ``Brdf``, a ``Btf`` (images by pairs of directions), a ``Measurement``, or of a built-in
@@ -62,7 +64,7 @@ def load(
         return load_measurement(path)
     if content == BTF:
         return read_btf(path)
-    return load_material(source, clamp_negative)
+    return load_material(source, clamp_negative, **stated)
 
 
 def _is_hdf5(path: Path) -> bool:

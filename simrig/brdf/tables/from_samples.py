@@ -29,7 +29,7 @@ from simrig.directions.spherical import to_vector
 
 FEWEST_INCIDENCES = 5  # of scattered samples, between which a spline may interpolate
 _FEWEST_SAMPLES = 100
-_MOST_FOR_A_SPLINE = 3000  # its linear system takes their square; more are thinned out
+_MOST_FOR_A_SPLINE = 1500  # its linear system takes their cube in time; more are thinned out
 _CLEARLY_ABOVE = 0.1  # cosine from which on a grid of half-difference angles must be complete
 _LARGEST_TABLE = 1 << 27  # values of a table
 _GRAZING = np.radians(89.5)  # the spline has no horizon

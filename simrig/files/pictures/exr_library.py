@@ -1,7 +1,8 @@
 """What the OpenEXR library prints while it reads, caught: it is how damage is reported.
 
 The binding prints a warning for chunks that are missing or broken and returns what was in memory;
-the library writes to the error stream. Neither belongs on a user's terminal.
+the library and its codecs write to the process's own output. None of that belongs on a user's
+terminal, and all of it means that the file is damaged.
 """
 
 from __future__ import annotations
@@ -15,21 +16,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
 _one_at_a_time = threading.RLock()
+_MOST = 4096
 
 
 @contextmanager
 def watched() -> Iterator[io.StringIO]:
-    """Give a buffer of what the binding prints, and keep the error stream quiet meanwhile."""
+    """Give a buffer that holds, after the block, what the library printed in it."""
     with (
         _one_at_a_time,
         tempfile.TemporaryFile() as sink,
         redirect_stdout(io.StringIO()) as printed,
     ):
-        sys.stderr.flush()
-        errors = os.dup(2)
-        os.dup2(sink.fileno(), 2)
+        for stream in (sys.__stdout__, sys.stderr):
+            if stream is not None:
+                stream.flush()
+        kept = [(number, os.dup(number)) for number in (1, 2)]
+        for number, _ in kept:
+            os.dup2(sink.fileno(), number)
         try:
             yield printed
         finally:
-            os.dup2(errors, 2)
-            os.close(errors)
+            for number, copy in kept:
+                os.dup2(copy, number)
+                os.close(copy)
+            sink.seek(0)
+            printed.write(sink.read(_MOST).decode("utf-8", "replace"))

@@ -41,11 +41,13 @@ def read(path: Path) -> Decoded:
         SimrigError: a damaged file, or a colour space that is not read, named.
     """
     content = path.read_bytes()
-    chunks, packed = _chunks(path, content)
+    chunks, packed, broken = _chunks(content)
     width, height, depth, kind = _header(path, chunks)
     check_size(path, width, height)
     claimed = width * height * _CHANNELS[kind] * depth / 8
     check_claim(path, "PNG", claimed, packed, _RATIO)
+    if broken:
+        raise SimrigError(f"'{path}' is a damaged PNG file: its chunk {broken!r} is broken")
     decode, matrix, said, made = _colour(path, chunks, grey=kind in (0, 4))
     values = _pixels(path)
     alpha = values[..., -1:] if values.shape[-1] in (2, 4) else None
@@ -61,15 +63,19 @@ def read(path: Path) -> Decoded:
     return Decoded(pixels, says, made, shown_exposure=_exposure(says))
 
 
-def _chunks(path: Path, content: bytes) -> tuple[dict[str, list[bytes]], int]:
-    """Return the chunks that say something, and how many bytes of pixels the file holds."""
+def _chunks(content: bytes) -> tuple[dict[str, list[bytes]], int, str]:
+    """Return the chunks that say something, the bytes of pixels, and the first broken chunk."""
     chunks: dict[str, list[bytes]] = {}
-    position, packed = len(MAGIC), 0
+    position, packed, broken = len(MAGIC), 0, ""
     for _ in range(_MOST_CHUNKS):
         if position + 8 > len(content):
             break
         (length,) = struct.unpack(">I", content[position : position + 4])
         name = content[position + 4 : position + 8].decode("latin-1")
+        checked = content[position + 4 : position + 8 + length]
+        stated = content[position + 8 + length : position + 12 + length]
+        if stated != struct.pack(">I", zlib.crc32(checked)):
+            broken = broken or name
         if name == "IDAT":
             packed += min(length, len(content) - position - 8)
         elif name == "IEND":
@@ -77,7 +83,7 @@ def _chunks(path: Path, content: bytes) -> tuple[dict[str, list[bytes]], int]:
         else:
             chunks.setdefault(name, []).append(content[position + 8 : position + 8 + length])
         position += 12 + length
-    return chunks, packed
+    return chunks, packed, broken
 
 
 def _header(path: Path, chunks: dict[str, list[bytes]]) -> tuple[int, int, int, int]:
@@ -186,7 +192,7 @@ def _texts(chunks: dict[str, list[bytes]]) -> dict[str, str]:
     texts = {}
     for chunk in chunks.get("tEXt", [])[:64]:
         key, _, value = chunk[:4096].partition(b"\0")
-        texts[key.decode("latin-1")] = value.decode("latin-1")
+        texts[key.decode("latin-1")] = value.decode("latin-1").strip('"')  # as Mitsuba writes it
     return texts
 
 

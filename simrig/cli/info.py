@@ -1,0 +1,50 @@
+"""``simrig info``: what a file is, what it says about its values, what simrig makes of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simrig.cli import frame, reading
+
+if TYPE_CHECKING:
+    from simrig.files.load import ReadOptions
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    frame.command(app)(reading.takes_options(info))
+
+
+def info(
+    file: Annotated[Path, typer.Argument(help="Any file, or a folder of pictures.")],
+    layer: Annotated[
+        str | None, typer.Option(help="Of an OpenEXR file, where it has several.")
+    ] = None,
+    *,
+    reading: ReadOptions,
+) -> frame.Report:
+    """Say what a file is, what it says about its values, and what simrig would make of it.
+
+    Pictures, materials, measurements, BTFs, folders and archives of pictures; other files are
+    named for what they are. The file is read whole, so damage is found.
+    """
+    from simrig.files.describe import describe
+
+    about = describe(file, reading, layer)
+    rows: list[tuple[str, Any]] = [("kind", about.kind), ("format", about.format)]
+    rows += [(f"says: {key}", frame.plain(value)) for key, value in about.says.items()]
+    rows += [("made", made) for made in about.made]
+    rows += [(key, _shown(value)) for key, value in about.facts.items()]
+    rows += [("use", use) for use in about.use or ["none: simrig does not read it"]]
+    return frame.Report(about.as_dict(), [frame.table(("property", "value"), rows)])
+
+
+def _shown(value: Any) -> Any:
+    if isinstance(value, dict):
+        return "; ".join(f"{key} {_shown(part)}" for key, part in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(str(_shown(part)) for part in value)
+    return f"{value:.4g}" if isinstance(value, float) else frame.plain(value)
