@@ -17,6 +17,7 @@ from simrig.brdf import Lambert
 from simrig.btf.synthetic import bumps
 from simrig.core.errors import SimrigError
 from simrig.core.shown import Shown
+from simrig.directions.discs import disc
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -174,6 +175,7 @@ def shown() -> list[Shown]:
         sr.plan(scene),
         sr.compare(truth, other, step_deg=20),
         sr.compare(*pictures),
+        sr.measure("fabric112", rig="gantry"),
     ]
 
 
@@ -184,7 +186,19 @@ def test_results_show_themselves_in_a_notebook(btf: sr.Btf) -> None:
         assert len(text) < 300_000
         assert png is None or png.startswith(b"\x89PNG")
         assert (png is None) == ("<img" not in text)
-        assert "\n" not in str(item) or item is btf or isinstance(item, sr.Brdf)
+        assert "\n" not in str(item)
+        assert len(repr(item)) < 2_000
+
+
+def test_directions_are_seen_from_above() -> None:
+    """phi = 0 is to the right and 90° at the top; the horizon is the edge."""
+    red, green, blue = np.eye(3)
+    theta, phi = np.radians([80.0, 80.0, 0.0]), np.radians([0.0, 90.0, 45.0])
+    picture = disc(theta, phi, np.array([red, green, blue]), 101).astype(int)
+    for colour, (row, column) in ((red, (50, 94)), (green, (6, 50)), (blue, (50, 50))):
+        assert picture[row, column].tolist() == (255 * colour).astype(int).tolist()
+    assert picture[0, 0].tolist() == [255, 255, 255]
+    assert picture[80, 50].tolist() == [230, 230, 230]
 
 
 def test_what_is_shown_is_escaped() -> None:
@@ -198,6 +212,8 @@ def test_results_are_numpy_arrays(btf: sr.Btf) -> None:
     np.testing.assert_array_equal(np.asarray(picture), picture.image)
     assert np.asarray(picture, dtype=np.float64).dtype == np.float64
     assert np.asarray(btf).shape == btf.values.shape
+    scan = sr.measure("lambert", rig="gantry")
+    np.testing.assert_array_equal(np.asarray(scan), scan.values)
     grid = np.asarray(sr.load("lambert"))
     assert grid.shape == (6, 6, 24, 24, 3)
     assert np.ptp(grid) == 0.0

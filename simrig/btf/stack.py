@@ -23,7 +23,7 @@ BLOCK_BYTES = 1 << 26  # of float32 texels that are read from a stack at once
 _CHANNELS = 3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BtfStack(Shown):
     """Images of a periodic tile, one per pair of directions.
 
@@ -66,6 +66,11 @@ class BtfStack(Shown):
 
     def __len__(self) -> int:
         return int(self.values.shape[0])
+
+    def __str__(self) -> str:
+        """Return what it holds in one line."""
+        height, width = self.resolution
+        return f"BTF '{self.name}', {len(self):,} images of {width} × {height} texels"
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """Return all values: f_r in 1/sr, shape (pairs, H, W, 3); reads the whole file of one."""

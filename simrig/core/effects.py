@@ -185,7 +185,7 @@ def replaced(decisions: Iterable[Decision], effect: str, **changes: Any) -> tupl
     return tuple(replace(d, **changes) if d.effect == effect else d for d in decisions)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan(Shown):
     """Which effects a result simulates, and the settings that follow.
 

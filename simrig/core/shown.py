@@ -37,6 +37,13 @@ class Shown:
         """Return what is shown of it."""
         raise NotImplementedError
 
+    def __str__(self) -> str:
+        """Return what it is in one line."""
+        return str(getattr(self, "name", type(self).__name__))
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self}>"
+
     def _repr_html_(self) -> str:
         """Return the picture and the facts as HTML; all text is escaped."""
         shown = self.exhibit()

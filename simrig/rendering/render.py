@@ -40,7 +40,7 @@ SAMPLES_PER_PASS = 1 << 24
 _WAVEFRONT_LIMIT = 1 << 32  # Dr.Jit counts the elements of an array in 32 bits
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RenderResult(Shown):
     """A rendered picture and what it cost; ``np.asarray`` gives the picture.
 

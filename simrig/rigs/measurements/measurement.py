@@ -9,15 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from simrig.core.colour import encode_srgb
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
+from simrig.core.shown import Exhibit, Shown, beside
+from simrig.directions.discs import disc
 from simrig.plans.listed import Directions
 from simrig.plans.protocol import Plan
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """Samples with their cost and provenance.
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement(Shown):
+    """Samples with their cost and provenance; ``np.asarray`` gives the values.
 
     Attributes:
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians, in the order of measurement.
@@ -65,6 +68,37 @@ class Measurement:
 
     def __len__(self) -> int:
         return len(self.values)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return the values as an array."""
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+    def __str__(self) -> str:
+        """Return what was measured and what it cost, in one line."""
+        return f"{self.material}, {self.plan.describe()}: {self.cost}"
+
+    def exhibit(self) -> Exhibit:
+        """Return where light and viewer stood, with the colours seen there, and the cost."""
+        bright = np.max(self.values, axis=1)
+        white = float(np.percentile(bright, 98.0)) or float(bright.max()) or 1.0
+        colours = encode_srgb(self.values / white)
+        picture = beside(
+            [disc(self.theta_i, self.phi_i, colours), disc(self.theta_v, self.phi_v, colours)]
+        )
+        facts = {
+            "plan": self.plan.describe(),
+            "rig": str(self.provenance.get("rig", "not told")),
+            "cost": str(self.cost),
+            "error": self._uncertainty_text(),
+            "picture": "directions of light (left) and view (right) from above, f_r in colour",
+        }
+        return Exhibit(f"Measurement of {self.material}", facts, picture)
+
+    def _uncertainty_text(self) -> str:
+        if self.uncertainty is None:
+            return "not known"
+        share = np.median(self.uncertainty / np.maximum(self.values, np.finfo(float).tiny))
+        return f"standard uncertainty {100.0 * share:.3g} % of the values (median)"
 
     @property
     def theta_i(self) -> np.ndarray:
