@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from simrig.brdf import kurt_material
 from simrig.core.errors import SimrigError
@@ -40,6 +42,13 @@ def test_settings_survive_toml() -> None:
     assert len(experiments) == 4
     for experiment in experiments:
         assert Experiment.from_table(tomllib.loads(experiment.to_toml())) == experiment
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(str.strip))
+@example('🧵 \\ "quoted"\n\x7f\0')
+def test_any_title_survives_toml(title: str) -> None:
+    experiment = Experiment("wood01", title=title)
+    assert Experiment.from_table(tomllib.loads(experiment.to_toml())) == experiment
 
 
 REFUSED: dict[str, tuple[str, str]] = {

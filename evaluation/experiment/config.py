@@ -5,12 +5,13 @@ Every section of the file is a frozen dataclass. ``docs/experiments.md`` documen
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
+
+import tomli_w
 
 from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS
 from simrig.core.backend import VARIANTS
@@ -53,7 +54,7 @@ class MeasurementSettings(Section):
 
     Attributes:
         samples: one measurement is made for each of these numbers of samples, ascending.
-        elevation_step_deg, azimuth_step_deg: e_s and a_s of the slices, in degrees; both or
+        theta_step_deg, azimuth_step_deg: e_s and a_s of the slices, in degrees; both or
             neither. Without them thesis Table 5.1 chooses.
         theta_max_deg: largest polar angle in degrees; by default 80, or that of the data, rounded
             down to whole degrees, where it ends earlier.
@@ -83,7 +84,7 @@ class MeasurementSettings(Section):
         super().__post_init__()
         if (self.theta_step_deg is None) != (self.azimuth_step_deg is None):
             raise SimrigError(
-                "give both 'elevation_step_deg' and 'azimuth_step_deg' in [measurement], or "
+                "give both 'theta_step_deg' and 'azimuth_step_deg' in [measurement], or "
                 "neither to have them chosen"
             )
         if self.p_1 + self.p_2 < 1:
@@ -307,12 +308,7 @@ class Experiment(Section):
 
     def to_toml(self) -> str:
         """Return the experiment as TOML; reading it gives an equal experiment."""
-        values = self.as_dict()
-        top = {k: v for k, v in values.items() if not isinstance(v, dict) and k != "scenes"}
-        blocks = [_toml_lines(top)]
-        blocks += [f"[{s.section}]\n" + _toml_lines(values[s.section]) for s in _SECTIONS]
-        blocks += ["[[scenes]]\n" + _toml_lines(scene) for scene in values["scenes"]]
-        return "\n".join(blocks)
+        return tomli_w.dumps(_given(self.as_dict()))
 
 
 _SECTIONS: tuple[type[Section], ...] = (
@@ -323,10 +319,13 @@ _SECTIONS: tuple[type[Section], ...] = (
 )
 
 
-def _toml_lines(values: Mapping[str, Any]) -> str:
-    # JSON's numbers, lists, true, false and strings are TOML as well
-    shown = {key: value for key, value in values.items() if value is not None}
-    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in shown.items())
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values and tables of them without what is None, which TOML cannot say."""
+    return {
+        key: _given(value) if isinstance(value, Mapping) else value
+        for key, value in values.items()
+        if value is not None
+    }
 
 
 def demo_experiment(material: str | None = None) -> Experiment:
