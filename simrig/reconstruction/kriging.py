@@ -21,10 +21,11 @@ from simrig.plans.auto.findings import findings_of, has_findings
 from simrig.reconstruction.result import Reconstructed
 
 _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 600_000  # at most
+_FEWEST_NODES = {True: 20_000, False: 240_000}  # isotropic or not
 _NODES_PER_SAMPLE = 60
 _BLOCK_NEIGHBOURS = 48  # of 2 × 2 × 2 × 2 nodes together
 # nodes of theta_h, phi_h, theta_d and phi_d (over full turns) to one another
-_ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 6.0, 2.0, 3.0)
+_ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 10.0, 2.0, 2.2)
 
 
 class AnyMeasurement(Protocol):
@@ -119,7 +120,7 @@ def table_shape(symmetry: Symmetry, samples: int) -> tuple[int, int, int, int]:
     (turn_h, turn_d), folded = symmetry.extent, symmetry.folded
     ratios[1] *= 1.0 if isotropic else turn_h / (2.0 * np.pi) * (0.5 if folded[0] else 1.0)
     ratios[3] *= turn_d / (2.0 * np.pi) * (0.5 if folded[1] else 1.0)
-    target = min(most, 20_000 + _NODES_PER_SAMPLE * samples)
+    target = min(most, _FEWEST_NODES[isotropic] + _NODES_PER_SAMPLE * samples)
     scale = (target / ratios.prod()) ** (1.0 / (3.0 if isotropic else 4.0))
     counts = [max(round(ratio * scale), 4) for ratio in ratios]
     return (counts[0], 1 if isotropic else counts[1], counts[2], counts[3])

@@ -9,19 +9,19 @@ import numpy as np
 
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.resample import is_isotropic
-from simrig.brdf.tables.rgl import azimuth_to_unit, theta_to_unit
-from simrig.brdf.tables.warp2d import distribution, interpolate, sample, single
+from simrig.brdf.tables.visible_normals import (
+    grid_of_view,
+    normals,
+    retro_angles,
+    view_thetas,
+    visible_normals,
+)
 from simrig.core.colour import LUMINANCE
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.files.rgl.tensor_file import write_tensors
 
-_LAST_THETA = np.radians(88.0)  # of the nodes; further out the last tables are held
-_BENDING = 0.65  # exponent that places the polar angles as the database does, denser at grazing
-_POWER_ITERATIONS = 4  # as in Dupuy and Jakob 2018; more change nothing visible
-_NDF_FLOOR = 1e-3  # of its mean, so that every half vector can be sampled
 _LUMINANCE_FLOOR = 1e-2  # of its mean, the same for the samples
-_INSIDE = 1e-6  # samples keep this distance from the border of the unit square
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,10 @@ def write_rgl(path: str | Path, brdf: Brdf, resolution: RglResolution | None = N
         The size of the file in bytes.
     """
     resolution = resolution or RglResolution()
-    theta = _LAST_THETA * np.linspace(0.0, 1.0, resolution.theta) ** _BENDING
+    theta = view_thetas(resolution.theta)
     phi, rows = _azimuths(brdf, resolution)
     ndf, sigma = _normals(brdf, rows, resolution.warp)
-    vndf = np.stack([[_visible_normals(ndf, t, p, len(phi) == 1) for t in theta] for p in phi])
+    vndf = np.stack([[visible_normals(ndf, t, p, len(phi) == 1) for t in theta] for p in phi])
     rgb = _colours(brdf, theta, phi, ndf, sigma, vndf, resolution.colour)
     luminance = np.einsum("ptcyx,c->ptyx", rgb, LUMINANCE)
     floor = _LUMINANCE_FLOOR * luminance.mean(axis=(2, 3), keepdims=True)
@@ -123,75 +123,10 @@ def _azimuths(brdf: Brdf, resolution: RglResolution) -> tuple[np.ndarray, int]:
     return np.linspace(-np.pi, np.pi, resolution.phi + 1), resolution.warp
 
 
-def _unit_grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return theta and phi of the nodes of a table over the hemisphere, shape (rows, columns)."""
-    x, y = np.linspace(0.0, 1.0, columns), np.linspace(0.0, 1.0, rows)
-    theta = np.broadcast_to(x * x * (np.pi / 2.0), (rows, columns))
-    return theta, np.broadcast_to((2.0 * y[:, None] - 1.0) * np.pi, (rows, columns))
-
-
 def _normals(brdf: Brdf, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return D and σ over (phi, theta), shape (rows, columns), by power iteration."""
-    theta, phi = _unit_grid(rows, columns)
-    # directions at and below the horizon have no retro-reflection: D falls to the floor there
-    directions = to_vector(np.minimum(theta, _LAST_THETA), phi)
-    retro = evaluate(brdf, directions, directions) @ LUMINANCE * np.cos(theta)
-    fine = _quadrature(max(rows, 32), columns)
-    index_y = np.linspace(0.0, rows - 1.0, fine[1].shape[0])
-    ndf = np.ones((rows, columns))
-    for _ in range(_POWER_ITERATIONS):
-        sigma = _projected_area(ndf, fine, index_y, theta, phi)
-        ndf = np.maximum(retro, 0.0) * sigma
-        ndf = np.maximum(ndf, _NDF_FLOOR * ndf.mean() + np.finfo(np.float32).tiny)
-        ndf /= _projected_area(ndf, fine, index_y, np.zeros((1, 1)), np.zeros((1, 1)))[0, 0]
-    return ndf, _projected_area(ndf, fine, index_y, theta, phi)
-
-
-def _quadrature(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors of a grid (rows, columns, 3) and its solid angles (rows, columns)."""
-    theta, phi = _unit_grid(rows, columns)
-    weight = np.full((rows, columns), 1.0 / ((rows - 1) * (columns - 1)))
-    weight[:, (0, -1)] *= 0.5
-    weight[(0, -1), :] *= 0.5
-    return to_vector(theta, phi), weight * _jacobian(theta)
-
-
-def _jacobian(theta: np.ndarray) -> np.ndarray:
-    """Return the solid angle per area of the unit square."""
-    return 2.0 * np.pi**2 * theta_to_unit(theta) * np.sin(theta)
-
-
-def _projected_area(
-    ndf: np.ndarray,
-    fine: tuple[np.ndarray, np.ndarray],
-    index_y: np.ndarray,
-    theta: np.ndarray,
-    phi: np.ndarray,
-) -> np.ndarray:
-    """Return σ(ω) = ∫ D(m) max(0, ω·m) dm for directions of any grid."""
-    low = np.minimum(index_y.astype(int), len(ndf) - 2)
-    part = (index_y - low)[:, None]
-    density = (1.0 - part) * ndf[low] + part * ndf[low + 1]
-    normals, solid_angle = fine
-    weights = (density * solid_angle).reshape(-1)
-    directions = to_vector(theta, phi).reshape(-1, 3)
-    out = np.empty(len(directions))
-    for start in range(0, len(directions), 1024):
-        cosine = directions[start : start + 1024] @ normals.reshape(-1, 3).T
-        out[start : start + 1024] = np.maximum(cosine, 0.0) @ weights
-    return out.reshape(theta.shape)
-
-
-def _visible_normals(ndf: np.ndarray, theta: float, phi: float, isotropic: bool) -> np.ndarray:
-    """Return D(m) max(0, ω·m) per area of the unit square; phi of m relative if isotropic."""
-    rows, columns = ndf.shape
-    density = ndf
-    if isotropic:
-        rows = columns
-        density = np.broadcast_to(ndf[:1], (rows, columns))
-    theta_m, phi_m = _unit_grid(rows, columns)
-    cosine = to_vector(theta_m, phi_m) @ to_vector(float(theta), 0.0 if isotropic else float(phi))
-    return density * np.maximum(cosine, 0.0) * _jacobian(theta_m)
+    """Return D and σ of a BRDF's own retro-reflection."""
+    directions = to_vector(*retro_angles(rows, columns))
+    return normals(evaluate(brdf, directions, directions) @ LUMINANCE)
 
 
 def _colours(
@@ -205,19 +140,10 @@ def _colours(
 ) -> np.ndarray:
     """Return f_r · cos · 4 σ / D where the nodes of each table sample, (phi, theta, 3, y, x)."""
     rgb = np.zeros((len(phi), len(theta), 3, side, side))
-    u, v = np.meshgrid(*2 * [np.clip(np.linspace(0.0, 1.0, side), _INSIDE, 1.0 - _INSIDE)])
     for p, phi_v in enumerate(phi):
         for t, theta_v in enumerate(theta):
-            x, y = sample(*distribution(vndf[p, t]), u, v)
-            turn = phi_v if len(phi) == 1 else 0.0
-            normal = to_vector(x * x * (np.pi / 2.0), (2.0 * y - 1.0) * np.pi + turn)
+            at = grid_of_view(ndf, sigma, vndf[p, t], (theta_v, phi_v), side, len(phi) == 1)
             view = to_vector(float(theta_v), float(phi_v))
-            light = 2.0 * (normal @ view)[..., None] * normal - view
-            unit = (np.full(1, theta_to_unit(theta_v)), np.full(1, azimuth_to_unit(phi_v)))
-            area = interpolate(sigma, single(unit[0]), sigma.shape, *unit)
-            density = interpolate(ndf, single(x), ndf.shape, x, y)
-            cosine = np.maximum(light[..., 2], 0.0)
-            factor = cosine * 4.0 * area / np.maximum(density, np.finfo(float).tiny)
-            value = evaluate(brdf, light, np.broadcast_to(view, light.shape))
-            rgb[p, t] = np.moveaxis(value * factor[..., None], -1, 0)
+            value = evaluate(brdf, at.light, np.broadcast_to(view, at.light.shape))
+            rgb[p, t] = np.moveaxis(value * at.factor[..., None], -1, 0)
     return rgb
