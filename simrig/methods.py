@@ -23,6 +23,7 @@ from simrig.core.options import Option, checked_options
 from simrig.plans.auto.plan import LEAST_SAMPLES
 from simrig.plans.protocol import Plan
 from simrig.plans.registry import PLANS, plan_type
+from simrig.plans.visible_normals import LEAST_SAMPLES as LEAST_OF_GRIDS
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.reconstruction.kriging import reconstruct_kriging
 from simrig.reconstruction.result import Reconstructed as Reconstructed
@@ -32,6 +33,7 @@ from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_gri
 from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
 from simrig.reconstruction.slices.tables import reconstruct
+from simrig.reconstruction.visible_normals import reconstruct_visible_normals
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.gantry.rig import Gantry
 from simrig.rigs.measurements.measurement import Measurement
@@ -224,6 +226,12 @@ def _kriging(measurement: Measurement, *, progress: Progress | None = None) -> R
     return reconstruct_kriging(measurement)
 
 
+def _visible_normals(
+    measurement: Measurement, *, progress: Progress | None = None
+) -> Reconstructed:
+    return reconstruct_visible_normals(measurement)
+
+
 def _regular_grid(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
     table = reconstruct_regular_grid(measurement)
     return Reconstructed(table, table.values.nbytes)
@@ -334,6 +342,13 @@ _ALL = (
         "auto",
         least_samples=LEAST_SAMPLES,
         any_plan=True,
+    ),
+    Method(
+        "visible-normals",
+        "retro-reflection, then a grid of visible normals [DJ18]",
+        _visible_normals,
+        "visible-normals",
+        least_samples=LEAST_OF_GRIDS,
     ),
     *(
         Method(

@@ -53,8 +53,9 @@ def measure(
     """Measure a material with a rig, by a plan of directions.
 
     Rigs: gonioreflectometer, which measures adaptively along slices unless --plan says otherwise,
-    and gantry. Plans: slices, auto, uniform, regular-grid, scheme, gantry, directions. Rigs and
-    plans have options of their own, below; one that the chosen ones do not have is refused.
+    and gantry. Plans: slices, auto, visible-normals, uniform, regular-grid, scheme, gantry,
+    directions. Rigs and plans have options of their own, below; one that the chosen ones do not
+    have is refused.
 
     Which effects of the rig are simulated follows from the tolerance (dE=0.5 unless given): those
     that could change the measured values by more together. The choice is kept in the measurement.

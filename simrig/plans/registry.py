@@ -13,6 +13,7 @@ from simrig.plans.gantry import GantryPlan
 from simrig.plans.listed import Directions, SchemePlan
 from simrig.plans.protocol import Plan
 from simrig.plans.uniform import RegularGrid, UniformPlan
+from simrig.plans.visible_normals import VisibleNormalsPlan
 
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
@@ -26,6 +27,7 @@ PLANS: dict[str, type[Plan]] = {
         RegularGrid,
         SchemePlan,
         GantryPlan,
+        VisibleNormalsPlan,
         Directions,
     )
 }
