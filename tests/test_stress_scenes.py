@@ -1,4 +1,4 @@
-"""The trap scenes: geometry, exposure, refusals, and that each one springs."""
+"""The stress scenes: geometry, exposure, refusals, and that each one springs."""
 
 from __future__ import annotations
 

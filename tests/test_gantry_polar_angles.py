@@ -1,4 +1,4 @@
-"""Whole BRDFs from a gantry: methods A, B and BD, the Lafortune model, transport."""
+"""Whole BRDFs from a gantry: methods A, B and BD, the Minnaert model, transport."""
 
 from __future__ import annotations
 
