@@ -6,10 +6,8 @@ function that ``register`` calls once per variant.
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
-from functools import wraps
 from typing import Any
 
 import drjit as dr
@@ -19,36 +17,13 @@ from simrig.brdf.protocol import Brdf, above_horizon, upright
 from simrig.core.arrays import Array
 from simrig.core.errors import SimrigError
 from simrig.plugins.importance_sampling import fit_mixture, fitted
+from simrig.plugins.lifetime import traced
 from simrig.plugins.lobes import Lobe, Mixture, mixture_pdf, sample_mixture
 from simrig.plugins.named import number
 from simrig.plugins.spectral import Upsampler
 from simrig.plugins.variants import check_vectorised
 
 _TOLERATED_CHANGE = 0.1  # of an array under optimisation before the sampling is fitted again
-
-
-def uncollected(method: Callable) -> Callable:
-    """Keep Python's cyclic garbage collector away while a method is traced.
-
-    Dr.Jit lists all BSDFs before it traces the first. A collection in between could free one of
-    the list, for example of a scene that only a traceback still held, and crash the process.
-    """
-
-    @wraps(method)
-    def traced(*arguments: Any) -> Any:
-        enabled = gc.isenabled()
-        gc.disable()
-        try:
-            return method(*arguments)
-        finally:
-            if enabled:
-                # moves young objects to the oldest generation, so that the allocations of this
-                # method do not start a collection on the way to the next BSDF
-                gc.freeze()
-                gc.unfreeze()
-                gc.enable()
-
-    return traced
 
 
 def define_adapter() -> type:
@@ -99,21 +74,21 @@ def define_adapter() -> type:
 
         # -- the interface of Mitsuba ------------------------------------------------------------
 
-        @uncollected
+        @traced
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0)
             active, local_i, local_o = self._local(si, wo, active)
             return self._value(ctx, si, local_i, local_o, active) & active
 
-        @uncollected
+        @traced
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Float(0.0)
             active, local_i, local_o = self._local(si, wo, active)
             return dr.select(active, self._density(local_i, local_o), 0.0)
 
-        @uncollected
+        @traced
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0), mi.Float(0.0)
@@ -121,7 +96,7 @@ def define_adapter() -> type:
             value = self._value(ctx, si, local_i, local_o, active) & active
             return value, dr.select(active, self._density(local_i, local_o), 0.0)
 
-        @uncollected
+        @traced
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
             bs = dr.zeros(mi.BSDFSample3f)
             if not self._enabled(ctx):

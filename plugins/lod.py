@@ -7,7 +7,8 @@ from typing import Any
 import drjit as dr
 
 from simrig.core.errors import SimrigError
-from simrig.plugins.adapter import as_float, to_number, uncollected
+from simrig.plugins.adapter import as_float, to_number
+from simrig.plugins.lifetime import traced
 from simrig.plugins.named import number
 from simrig.plugins.variants import check_vectorised
 
@@ -61,19 +62,19 @@ def define_lod() -> type:
             self.m_flags = self.near.flags() | self.far.flags()
             self.m_components = [self.m_flags]
 
-        @uncollected
+        @traced
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             value = share * (self.near.eval(ctx, si, wo, near) & near)
             return value + (1.0 - share) * (self.far.eval(ctx, si, wo, far) & far)
 
-        @uncollected
+        @traced
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             density = share * dr.select(near, self.near.pdf(ctx, si, wo, near), 0.0)
             return density + (1.0 - share) * dr.select(far, self.far.pdf(ctx, si, wo, far), 0.0)
 
-        @uncollected
+        @traced
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             value_n, pdf_n = self.near.eval_pdf(ctx, si, wo, near)
@@ -82,7 +83,7 @@ def define_lod() -> type:
             density = share * dr.select(near, pdf_n, 0.0)
             return value, density + (1.0 - share) * dr.select(far, pdf_f, 0.0)
 
-        @uncollected
+        @traced
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
             share, near, far = self._shares(si, active)
             chance = dr.detach(share)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from pathlib import Path
 
 import mitsuba as mi
@@ -207,34 +206,3 @@ def test_it_says_what_it_is(brdf, variant_llvm):
     text = str(make_bsdf(brdf("table"), 30.0))
     for part in ("DenseTable", "small table", "values[4, 4, 8, 8, 3]", "rotation = 30"):
         assert part in text
-
-
-def test_no_garbage_is_collected_while_a_kernel_is_traced(tools, variant_llvm):
-    """A collection there could free a BSDF that Dr.Jit is about to trace, a crash."""
-
-    class Littering(tools.OneWay):
-        def look_up(self, wi, wv, tables):
-            litter = [[] for _ in range(5000)]  # far above the collector's threshold
-            for item in litter:
-                item.append(item)
-            during.append(gc.isenabled())
-            return super().look_up(wi, wv, tables)
-
-    during: list[bool] = []
-    collections: list[str] = []
-    bsdf = make_bsdf(Littering())
-    si = tools.interaction(np.array([tools.direction(30.0)]))
-    wo = mi.Vector3f(0.0, 0.6, 0.8)
-    during.clear()
-    gc.collect()
-    assert gc.isenabled()
-    gc.callbacks.append(lambda phase, info: collections.append(phase))
-    try:
-        bsdf.eval_pdf(mi.BSDFContext(), si, wo)
-        bsdf.sample(mi.BSDFContext(), si, mi.Float(0.5), mi.Point2f(0.5))
-        [[] for _ in range(100)]  # what the way to the next BSDF may allocate
-    finally:
-        gc.callbacks.pop()
-    assert during == [False, False]
-    assert not collections
-    assert gc.isenabled()
