@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import drjit as dr
 import numpy as np
@@ -20,8 +20,11 @@ from simrig.plugins.footprint import Cone
 from simrig.plugins.named import number, resolved
 
 FORMS = ("full", "factored")
-_KEPT = 4  # files whose tables stay in memory for the next scene
+_OPTIONS = ("missing", "over_budget", "budget", "anisotropy", "form", "tolerance")
+_KEPT_BYTES = 1 << 29  # of tables that stay in memory for the next scene
 _MIB = 1 << 20
+_shared: WeakValueDictionary[tuple, SpatialBrdf] = WeakValueDictionary()
+_recent: list[SpatialBrdf] = []
 
 
 def define_btf(adapter: type) -> type:
@@ -39,13 +42,14 @@ def define_btf(adapter: type) -> type:
     | pixel_width | float | 0 | – | mm of one pixel of an orthographic camera |
     | unit | float | 1 | – | mm per unit of the scene |
     | anisotropy | integer | 8 | – | most look-ups along a footprint's longer axis |
-    | missing | string | refuse | – | pairs without an image: `refuse` or `fill` |
-    | budget | float | 2048 | – | MiB that the table may take |
-    | over_budget | string | refuse | – | a larger one: `refuse`, or `coarsen` the tile |
+    | missing | string | refuse | – | of a full stack, pairs without an image: `refuse` or `fill` |
+    | budget | float | 2048 | – | MiB that the table or the factors may take |
+    | over_budget | string | refuse | – | a larger full stack: `refuse`, or `coarsen` the tile |
 
-    With neither `pixel_angle` nor `pixel_width` the finest level is seen everywhere. The colour
-    `gain` (1) multiplies f_r; it is listed by `mi.traverse` and differentiable, and so are the
-    factors `basis` and `coefficients`. See docs/btf.md.
+    A parameter that could do nothing is refused, for example `tolerance` with a file that holds
+    factors already. With neither `pixel_angle` nor `pixel_width` the finest level is seen
+    everywhere. The colour `gain` (1) multiplies f_r; it is listed by `mi.traverse` and
+    differentiable, and so are the factors `basis` and `coefficients`. See docs/btf.md.
 
     ```python
     {"type": "simrig_btf", "filename": "corduroy.h5", "scale": 185.35, "scale_v": 120.0,
@@ -91,15 +95,17 @@ def define_btf(adapter: type) -> type:
         def build(props: Any) -> SpatialBrdf:
             """Read the file that the properties name."""
             path = resolved("simrig_btf", props)
+            asked = {name for name in _OPTIONS if name in props}  # reading marks them as used
             options = {
                 "missing": _choice(props, "missing", MISSING),
                 "over_budget": _choice(props, "over_budget", OVER_BUDGET),
-                "budget_bytes": int(_MIB * number(props, "budget", BUDGET_BYTES / _MIB)),
+                "budget": number(props, "budget", BUDGET_BYTES / _MIB),
                 "anisotropy": number(props, "anisotropy", MOST_ANISOTROPY),
                 "form": _choice(props, "form", FORMS),
                 "tolerance": number(props, "tolerance", TOLERANCE),
             }
-            return _loaded(path, path.stat().st_mtime_ns, tuple(options.items()))
+            given = {name: value for name, value in options.items() if name in asked}
+            return _loaded(path, given)
 
         def _place(self, si: Any) -> Any:
             if self.within_mm == 0.0:
@@ -128,27 +134,66 @@ def define_btf(adapter: type) -> type:
     return type("simrig_btf", (BtfBSDF,), {"__doc__": define_btf.__doc__})
 
 
-@lru_cache(maxsize=_KEPT)
-def _loaded(path: Path, changed: int, options: tuple[tuple[str, Any], ...]) -> SpatialBrdf:
-    """Return the BRDF of a file, read once; its time of change is part of the key."""
+def _loaded(path: Path, given: dict[str, Any]) -> SpatialBrdf:
+    """Return the BRDF of a file, read once for all scenes that have it at the same time."""
+    key = (path, path.stat().st_mtime_ns, tuple(sorted(given.items())))
+    found = _shared.get(key)
+    if found is None:
+        found = _shared[key] = _read(path, given)
+    _keep(found)
+    return found
+
+
+def _keep(brdf: SpatialBrdf) -> None:
+    """Keep what was read last for the next scene, as long as it takes little memory."""
+    others = [one for one in _recent if one is not brdf]
+    _recent[:] = [brdf, *others]
+    while sum(one.device_bytes for one in _recent) > _KEPT_BYTES:
+        _recent.pop()
+
+
+def _read(path: Path, given: dict[str, Any]) -> SpatialBrdf:
     from simrig.files.btf.hdf5 import read_btf
     from simrig.files.hdf5 import content_of, read_brdf
 
-    chosen = dict(options)
-    form, tolerance = chosen.pop("form"), chosen.pop("tolerance")
+    budget = int(_MIB * given.get("budget", BUDGET_BYTES / _MIB))
     if content_of(path) == "brdf":
         brdf = read_brdf(path)
-        if isinstance(brdf, SpatialBrdf):
-            return brdf
-        raise SimrigError(f"simrig_btf: '{path}' holds a BRDF: use simrig_table")
+        if not isinstance(brdf, FactoredBtf):
+            raise SimrigError(f"simrig_btf: '{path}' holds a BRDF: use simrig_table")
+        return _of_factors(path, brdf, budget, given)
+    stack, form = read_btf(path), given.get("form", FORMS[0])
+    anisotropy = int(given.get("anisotropy", MOST_ANISOTROPY))
     if form == "full":
-        return FullBtf.from_stack(read_btf(path), **chosen)
+        _refuse(given, {"tolerance"}, "the full form has no factors")
+        kept = {name: given[name] for name in ("missing", "over_budget") if name in given}
+        return FullBtf.from_stack(stack, budget_bytes=budget, anisotropy=anisotropy, **kept)
+    _refuse(given, {"over_budget", "missing"}, "factors are made of the whole stack")
+    tolerance = given.get("tolerance", TOLERANCE)
     return FactoredBtf.from_stack(
-        read_btf(path),
-        tolerance=tolerance,
-        missing=chosen["missing"],
-        anisotropy=chosen["anisotropy"],
+        stack, tolerance=tolerance, anisotropy=anisotropy, budget_bytes=budget
     )
+
+
+def _of_factors(path: Path, brdf: FactoredBtf, budget: int, given: dict[str, Any]) -> FactoredBtf:
+    """Return the BTF of a file that holds factors, with what can still be chosen."""
+    useless = {"tolerance", "missing", "over_budget"}
+    if given.get("form") == "full":
+        useless.add("form")
+    _refuse(given, useless, f"'{path}' holds factors already")
+    if brdf.device_bytes > budget:
+        raise SimrigError(
+            f"simrig_btf: the factors of '{path}' take {brdf.device_bytes / _MIB:.3g} MiB, the "
+            f"budget is {budget / _MIB:.3g} MiB: raise it"
+        )
+    if "anisotropy" in given:
+        return brdf.with_anisotropy(int(given["anisotropy"]))
+    return brdf
+
+
+def _refuse(given: dict[str, Any], useless: set[str], reason: str) -> None:
+    for name in sorted(useless & given.keys()):
+        raise SimrigError(f"simrig_btf: '{name}' can do nothing here ({reason}): leave it out")
 
 
 def _choice(props: Any, name: str, known: tuple[str, ...]) -> str:

@@ -267,7 +267,7 @@ def test_an_interrupted_measurement_goes_on_to_the_same_bits(tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
         measure_btf(tile, angles, 8, 4, bounces=2, path=path, progress=stop)
     assert not path.exists()
-    with pytest.raises(SimrigError, match="unfinished part of another"):
+    with pytest.raises(SimrigError, match="unfinished part of another job"):
         measure_btf(tile, angles, 8, 4, bounces=2, seed=1, path=path)
     resumed = measure_btf(tile, angles, 8, 4, bounces=2, path=path)
     whole = measure_btf(tile, angles, 8, 4, bounces=2)

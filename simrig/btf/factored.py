@@ -25,6 +25,7 @@ from simrig.brdf.tables.packed_bfloat16 import (
     joined,
 )
 from simrig.btf.factors import factorise
+from simrig.btf.full import BUDGET_BYTES
 from simrig.btf.grid import PairGrid
 from simrig.btf.mipmap import MOST_ANISOTROPY, Mipmap, MipTexel, box_average
 from simrig.btf.spatial import SpatialBrdf
@@ -101,6 +102,7 @@ class FactoredBtf(SpatialBrdf):
         components: int = MOST_COMPONENTS,
         missing: str = "refuse",
         anisotropy: int = MOST_ANISOTROPY,
+        budget_bytes: int = BUDGET_BYTES,
     ) -> FactoredBtf:
         """Factorise a stack; beside the factors only blocks of it are held.
 
@@ -111,9 +113,11 @@ class FactoredBtf(SpatialBrdf):
             components: of a view, at most so many; rounded up to packets.
             missing: ``"refuse"``; filling needs neighbours' images, so fill in the full form.
             anisotropy: most samples along a footprint.
+            budget_bytes: the factors may not be larger, as a renderer holds them.
 
         Raises:
-            SimrigError: missing pairs, values that cannot be, or numbers that cannot be.
+            SimrigError: missing pairs, values that cannot be, numbers that cannot be, images of
+                a view of more than 1 GiB, or factors of this tolerance over the budget.
         """
         if not 0.0 < tolerance < 1.0 or components != int(components) or components < 1:
             raise SimrigError(
@@ -124,8 +128,18 @@ class FactoredBtf(SpatialBrdf):
         if len(grid.missing):
             raise SimrigError(f"BTF '{stack.name}' has missing images: fill them in the full form")
         most = -(-int(components) // EIGHT) * EIGHT
-        factors = factorise(stack, grid, tolerance, most, EIGHT)
         mipmap = Mipmap(stack.resolution, stack.size_mm, anisotropy)
+        each = 2 * (mipmap.texels * len(grid.views) + 3 * grid.pairs)  # bytes of a component
+        affordable = (budget_bytes - 8 * grid.pairs) // (each * EIGHT) * EIGHT
+        factors = None
+        if affordable > 0:
+            factors = factorise(stack, grid, tolerance, min(most, affordable), EIGHT)
+        if factors is None or (factors.error > tolerance and affordable < most):
+            raise SimrigError(
+                f"BTF '{stack.name}' needs more than the budget of {budget_bytes / 2**20:,.3g} MiB "
+                f"for a tolerance of {tolerance:g}: raise the budget or the tolerance, or use a "
+                "coarser tile"
+            )
         width = factors.coefficients.shape[-1]
         levels = [
             box_average(factors.coefficients, shape).reshape(-1, width).astype(np.float32)
@@ -133,6 +147,12 @@ class FactoredBtf(SpatialBrdf):
         ]
         mean, basis = factors.mean.reshape(-1, 3), factors.basis.reshape(-1, 3, width)
         return cls(mean, basis, np.concatenate(levels), grid, mipmap, stack.name, factors.error)
+
+    def with_anisotropy(self, anisotropy: int) -> FactoredBtf:
+        """Return the same factors with another number of samples along a footprint at most."""
+        mipmap = Mipmap(self.mipmap.shapes[0], self.mipmap.size_mm, anisotropy)
+        factors = self._mean, self._basis, self._coefficients
+        return FactoredBtf(*factors, self.grid, mipmap, self.name, self.error)
 
     @property
     def components(self) -> int:

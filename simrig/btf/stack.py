@@ -6,6 +6,7 @@ masking and inter-reflection of the structure around it and need not be reciproc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +21,7 @@ from simrig.core.shown import Exhibit, Shown
 from simrig.directions.spherical import to_vector
 
 BLOCK_BYTES = 1 << 26  # of float32 texels that are read from a stack at once
+LARGEST_IMAGE = 1 << 30  # bytes of float32; a larger one is read by rows or not at all
 _CHANNELS = 3
 
 
@@ -100,7 +102,7 @@ class BtfStack(Shown):
     @property
     def nbytes(self) -> int:
         """Bytes of all values as they are stored in memory."""
-        return int(np.prod(self.values.shape, dtype=object)) * int(self.values.dtype.itemsize)
+        return math.prod(self.values.shape) * int(self.values.dtype.itemsize)
 
     @property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:
@@ -115,9 +117,11 @@ class BtfStack(Shown):
             block_bytes: float32 bytes of a block; at least one image is read.
 
         Raises:
-            SimrigError: values that are NaN, infinite or negative, with the first pair's number.
+            SimrigError: values that are NaN, infinite or negative, with the first pair's number;
+                images of more than 1 GiB.
         """
-        image_bytes = 4 * int(np.prod(self.values.shape[1:]))
+        image_bytes = 4 * math.prod(self.values.shape[1:])
+        self.check_budget(image_bytes, LARGEST_IMAGE, "one image")
         step = max(1, block_bytes // image_bytes)
         for start in range(0, len(self), step):
             part = slice(start, min(start + step, len(self)))
@@ -132,9 +136,11 @@ class BtfStack(Shown):
             numbers: of the pairs, in any order; consecutive ones are read together.
 
         Raises:
-            SimrigError: values that are NaN, infinite or negative.
+            SimrigError: values that are NaN, infinite or negative; more than 1 GiB of images.
         """
         numbers = np.asarray(numbers)
+        image_bytes = 4 * math.prod(self.values.shape[1:])
+        self.check_budget(image_bytes * len(numbers), LARGEST_IMAGE, f"{len(numbers)} images")
         order = np.argsort(numbers)
         runs = np.split(numbers[order], np.flatnonzero(np.diff(numbers[order]) != 1) + 1)
         found = np.empty((len(numbers), *self.values.shape[1:]), dtype=np.float32)
@@ -169,8 +175,32 @@ class BtfStack(Shown):
 
     def mean(self) -> ScatteredSamples:
         """Return the BRDF by spatial averaging: the mean of every image."""
-        means = [block.mean(axis=(1, 2), dtype=np.float64) for _, block in self.blocks()]
-        return self._samples(np.concatenate(means), f"{self.name}, averaged")
+        height, width = self.resolution
+        if 4 * math.prod(self.values.shape[1:]) <= BLOCK_BYTES:
+            means = [block.mean(axis=(1, 2), dtype=np.float64) for _, block in self.blocks()]
+            return self._samples(np.concatenate(means), f"{self.name}, averaged")
+        total = np.zeros((len(self), _CHANNELS))
+        step = max(1, BLOCK_BYTES // (4 * _CHANNELS * width))
+        for number in range(len(self)):
+            for row in range(0, height, step):
+                rows = np.asarray(self.values[number, row : row + step], dtype=np.float32)
+                check_values(rows, f"BTF '{self.name}', pair {number},")
+                total[number] += rows.sum(axis=(0, 1), dtype=np.float64)
+        return self._samples(total / (height * width), f"{self.name}, averaged")
+
+    def check_budget(self, needed: int, budget: int, what: str) -> None:
+        """Refuse what needs more bytes of memory than it may have.
+
+        Raises:
+            SimrigError: says how many it needs, and how many it may have.
+        """
+        if needed > budget:
+            height, width = self.resolution
+            raise SimrigError(
+                f"BTF '{self.name}': {what} of {height} × {width} texels need "
+                f"{needed / 2**20:,.0f} MiB of memory, {budget / 2**20:,.0f} MiB are allowed: use "
+                "fewer texels"
+            )
 
     def _samples(self, values: np.ndarray, name: str) -> ScatteredSamples:
         theta_i, theta_v, phi_i, phi_v = self.angles.T

@@ -43,6 +43,11 @@ def checkpoint_of(output: Path) -> Path:
     return output.with_name(f".{output.name}.checkpoint")
 
 
+def kept_bytes(folder: Path) -> int:
+    """Return the size of what a checkpoint keeps."""
+    return sum(path.stat().st_size for path in folder.iterdir()) if folder.is_dir() else 0
+
+
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A finished piece.
@@ -134,12 +139,6 @@ class Checkpoint:
             return []
         found = (path.name for path in self.folder.iterdir() if path.suffix == _PIECE)
         return sorted(unquote(name.removesuffix(_PIECE)) for name in found)
-
-    def bytes(self) -> int:
-        """Return the size of all that is kept."""
-        if self.folder is None or not self.folder.is_dir():
-            return 0
-        return sum(path.stat().st_size for path in self.folder.iterdir())
 
     def remove(self) -> None:
         """Forget the job, which is complete; what was set aside goes too."""

@@ -8,6 +8,7 @@ holds), ``simrig_version``, ``conventions`` and ``provenance`` (JSON). A BRDF is
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
@@ -164,13 +165,30 @@ def read_array(group: h5py.Group, name: str, shape: tuple[int | None, ...] | Non
         raise SimrigError(f"{where} is missing")
     if dataset.dtype.kind not in "fiub" or dataset.external or dataset.is_virtual:
         raise SimrigError(f"{where} is not a plain numeric array")
-    claimed = int(np.prod(dataset.shape, dtype=object)) * dataset.dtype.itemsize
-    file_size = Path(group.file.filename).stat().st_size
-    if claimed > min(LARGEST_ARRAY, _DEFLATE_LIMIT * file_size + _HEADROOM):
-        raise SimrigError(f"{where} claims {claimed} bytes, which its file cannot hold")
+    check_claim(dataset, LARGEST_ARRAY)
     if shape is not None and not _matches(dataset.shape, shape):
         raise SimrigError(f"{where} has shape {dataset.shape}, expected {shape}")
     return dataset[()]
+
+
+def check_claim(dataset: h5py.Dataset, most: int | None = None) -> None:
+    """Refuse an array that claims more than is stored of it, or than may be read.
+
+    Args:
+        dataset: of an open file.
+        most: bytes that may be read at once.
+
+    Raises:
+        SimrigError: its size cannot be that of what the file holds.
+    """
+    claimed = math.prod(dataset.shape) * dataset.dtype.itemsize
+    size = Path(dataset.file.filename).stat().st_size
+    stored = min(dataset.id.get_storage_size(), size)  # chunks that were never written take none
+    if claimed > _DEFLATE_LIMIT * stored + _HEADROOM or (most is not None and claimed > most):
+        raise SimrigError(
+            f"'{dataset.name.lstrip('/')}' in '{dataset.file.filename}' claims {claimed:,} bytes, "
+            "which its file cannot hold"
+        )
 
 
 def write_brdf(path: str | Path, brdf: Brdf, provenance: Mapping[str, Any] | None = None) -> None:

@@ -67,10 +67,12 @@ def convert(
             {"output": output, "pictures": len(written)},
             [f"{output}: {len(written):,} pictures of {stack.name}"],
         )
+    from simrig.files.checkpoint import checkpoint_of
+
     values = PixelValues(colour or "auto", 1.0 if factor is None else factor, with_cosine)
     size = recorded_size(source) if size_mm is None else _sides(size_mm)
     with output_file(output, overwrite):
-        frame.on_interrupt(f"the same command goes on from '{output}.part'")
+        frame.on_interrupt(f"the same command goes on from '{checkpoint_of(output)}'")
         with frame.progress(f"reading {source.name}") as report:
             stack = import_btf(source, output, size, values, progress=report)
     notes = [*stack.provenance.get("read", []), stack.provenance.get("skipped", "")]

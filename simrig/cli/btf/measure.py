@@ -82,6 +82,7 @@ def measure(
 
     from simrig.core import backend
     from simrig.core.effects import DEFAULT_TOLERANCE, parse_tolerance
+    from simrig.files.checkpoint import checkpoint_of
     from simrig.mesostructure import build_tile
     from simrig.plans.gantry import GantryPlan
     from simrig.plans.listed import named_scheme, read_pairs
@@ -116,7 +117,7 @@ def measure(
     _check_room(output, size)
     elapsed, plan = stopwatch(), None
     with output_file(output, overwrite):
-        frame.on_interrupt(f"the same command goes on from '{output}.part'")
+        frame.on_interrupt(f"the same command goes on from '{checkpoint_of(output)}'")
         variant = backend.select("auto")
         if fixed is None:
             plan = plan_bounces(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
@@ -166,10 +167,12 @@ def _check_room(output: Path, size: int) -> None:
     folder = output.absolute().parent
     if not folder.is_dir():
         return  # the output's own check says so
-    part = output.with_name(output.name + ".part")
-    free = shutil.disk_usage(folder).free + (part.stat().st_size if part.is_file() else 0)
+    from simrig.files.checkpoint import checkpoint_of, kept_bytes
+
+    free = shutil.disk_usage(folder).free + kept_bytes(checkpoint_of(output))
+    size *= 2  # the images as they come, then the file that is made of them
     if size > free:
         raise SimrigError(
-            f"the images take up to {size:,} bytes and '{folder}' has {free:,}: ask for fewer "
-            "directions or a smaller --resolution"
+            f"the images and their file take up to {size:,} bytes and '{folder}' has {free:,}: "
+            "ask for fewer directions or a smaller --resolution"
         )

@@ -11,7 +11,7 @@ from simrig.btf.grid import PairGrid
 from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_angles
-from simrig.files.btf.hdf5 import BtfWriter
+from simrig.files.btf.recording import BtfWriter
 
 FILLED = "filled"  # in the provenance: how many images are no measurements
 

@@ -1,28 +1,30 @@
-"""BTFs in simrig's HDF5: written image by image, resumable, read by chunks.
+"""BTFs in simrig's HDF5, read by chunks.
 
 A file holds ``angles`` (pairs, 4) and ``values`` (pairs, H, W, 3), f_r in 1/sr, in chunks of a few
-pairs by a block of texels, so that images and apparent BRDFs are both read without the rest. An
-unfinished file stands beside the final one with the ending ``.part`` and says which pairs it has.
+pairs by a block of texels, so that images and apparent BRDFs are both read without the rest.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import h5py
 import numpy as np
 
-import simrig
 from simrig.brdf.checks import check_values
 from simrig.btf.stack import BtfStack, check_angles, checked_size
 from simrig.core.errors import SimrigError
 from simrig.files.hdf5 import (
     CONVENTIONS,
-    FORMAT_VERSION,
+    check_claim,
+    create,
     open_checked,
     provenance_of,
     read_array,
@@ -36,42 +38,41 @@ HALF_ERROR = 2.0**-11
 LARGEST_HALF = 65504.0
 
 
-class BtfWriter:
-    """Writes a BTF image by image; an interrupted one continues where it stopped.
+@dataclass(frozen=True, eq=False)
+class BtfLayout:
+    """What a file of a BTF holds, apart from its images.
 
-    Use as a context manager. A file with all pairs takes its final name on leaving; otherwise the
-    part stays beside it, and the next writer of the same stack finds its images.
-
-    Args:
-        path: the final file.
-        angles: theta_i, theta_v, phi_i, phi_v in radians, shape (pairs, 4).
+    Attributes:
+        angles: theta_i, theta_v, phi_i, phi_v in radians, (pairs, 4).
         resolution: height and width in texels.
         size_mm: width and height of the tile.
         name: what reports call it.
-        provenance: how it came about; a part with another one is not continued.
-        dtype: ``np.float16`` or ``np.float32``.
-
-    Raises:
-        SimrigError: bad arguments, a missing folder, or a part of another stack.
+        provenance: how it came about, as JSON.
+        dtype: of the stored values.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
+    angles: np.ndarray
+    resolution: tuple[int, int]
+    size_mm: tuple[float, float]
+    name: str
+    provenance: str
+    dtype: np.dtype
+
+    @classmethod
+    def of(
+        cls,
         angles: np.ndarray,
         resolution: tuple[int, int],
         size_mm: tuple[float, float],
-        *,
-        name: str = "btf",
-        provenance: Mapping[str, Any] | None = None,
-        dtype: type = np.float16,
-    ):
-        self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + ".part")
-        if not self.path.parent.is_dir():
-            raise SimrigError(
-                f"cannot write '{path}': the folder '{self.path.parent}' does not exist"
-            )
+        name: str,
+        provenance: Mapping[str, Any] | None,
+        dtype: type,
+    ) -> BtfLayout:
+        """Return a layout after checking its parts.
+
+        Raises:
+            SimrigError: angles, sizes or a type that cannot be.
+        """
         angles = np.asarray(angles, dtype=np.float64)
         check_angles(angles, len(angles), name)
         height, width = resolution
@@ -80,25 +81,33 @@ class BtfWriter:
                 f"BTF '{name}' needs at least one texel of float16 or float32, "
                 f"got {height} × {width} of {np.dtype(dtype)}"
             )
-        self.dtype = np.dtype(dtype)
-        self.shape = (len(angles), int(height), int(width), 3)
-        self.angles, self.size_mm = angles, checked_size(size_mm, name)
-        self.name = name
-        self.provenance = json.dumps(dict(provenance or {}), sort_keys=True, default=str)
-        self._file = self._continue() if self.part.is_file() else self._begin()
-        self._present = self._file["present"][()].astype(bool)
+        about = json.dumps(dict(provenance or {}), sort_keys=True, default=str)
+        size, shape = checked_size(size_mm, name), (int(height), int(width))
+        return cls(angles, shape, size, name, about, np.dtype(dtype))
 
     @property
-    def missing(self) -> np.ndarray:
-        """Numbers of the pairs that are still to be written, ascending."""
-        return np.flatnonzero(~self._present)
+    def shape(self) -> tuple[int, int, int, int]:
+        """Of all images, (pairs, H, W, 3)."""
+        return len(self.angles), *self.resolution, 3
 
-    def write(self, first: int, images: np.ndarray) -> None:
-        """Write consecutive images.
+    @property
+    def bytes(self) -> int:
+        """Of all images, without compression."""
+        return math.prod(self.shape) * self.dtype.itemsize
 
-        Args:
-            first: number of the first pair.
-            images: f_r, shape (n, H, W, 3) or (H, W, 3); finite, >= 0.
+    def identity(self) -> dict[str, Any]:
+        """Return plain values that tell this BTF from others."""
+        return {
+            "texels": list(self.resolution),
+            "pairs": len(self.angles),
+            "angles": hashlib.sha256(np.ascontiguousarray(self.angles).tobytes()).hexdigest(),
+            "size_mm": list(self.size_mm),
+            "type": self.dtype.name,
+            **json.loads(self.provenance),
+        }
+
+    def checked(self, first: int, images: np.ndarray) -> np.ndarray:
+        """Return consecutive images in the type of the file, (n, H, W, 3).
 
         Raises:
             SimrigError: another shape, values that cannot be, or beyond what float16 holds.
@@ -117,87 +126,56 @@ class BtfWriter:
                 f"BTF '{self.name}' has values up to {images.max():g}/sr, float16 holds "
                 f"{LARGEST_HALF:g}: store it as float32"
             )
-        self._file["values"][first:last] = images.astype(self.dtype, copy=False)
-        self._file["present"][first:last] = 1
-        self._present[first:last] = True
+        return images.astype(self.dtype, copy=False)
+
+
+@dataclass(frozen=True, eq=False)
+class BtfFile:
+    """An HDF5 file of a BTF while it is written."""
+
+    file: h5py.File
+    layout: BtfLayout
+
+    def write(self, first: int, images: np.ndarray) -> None:
+        """Write consecutive images, from pair ``first`` on (``BtfLayout.checked``)."""
+        images = self.layout.checked(first, images)
+        self.file["values"][first : first + len(images)] = images
 
     def note(self, name: str, first: int, numbers: np.ndarray, units: str) -> None:
-        """Keep a number per pair beside the images, of consecutive pairs from ``first`` on.
-
-        What is not given is NaN. ``read_notes`` returns them.
-
-        Args:
-            name: of the numbers.
-            first: pair to which the first of them belongs.
-            numbers: (m,), for m pairs.
-            units: of the numbers, for a reader of the file.
-        """
-        notes = self._file.require_group("notes")
+        """Write a number per pair beside the images, of consecutive pairs from ``first`` on."""
+        notes = self.file.require_group("notes")
         if name not in notes:
-            table = notes.create_dataset(name, data=np.full(self.shape[0], np.nan))
+            table = notes.create_dataset(name, data=np.full(len(self.layout.angles), np.nan))
             table.attrs["units"] = units
         notes[name][first : first + len(numbers)] = numbers
 
-    def flush(self) -> None:
-        """Push everything written so far to the disk."""
-        self._file.flush()
 
-    def __enter__(self) -> BtfWriter:
-        return self
+@contextmanager
+def new_btf(path: str | Path, layout: BtfLayout) -> Iterator[BtfFile]:
+    """Give a new file of a BTF; it takes its name when all its images are written.
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        done = kind is None and not self.missing.size
-        self._file.close()
-        if done:
-            self.part.replace(self.path)
-
-    def _begin(self) -> h5py.File:
-        file = h5py.File(self.part, "w", track_order=True)
-        file.attrs["format"] = "simrig"
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["content"] = CONTENT
-        file.attrs["simrig_version"] = simrig.__version__
+    Raises:
+        SimrigError: the folder does not exist, cannot be written, or has no room.
+    """
+    with create(path, CONTENT, json.loads(layout.provenance)) as file:
         file.attrs["conventions"] = CONVENTIONS + "; image rows from +y to -y, columns from -x"
-        file.attrs["provenance"] = self.provenance
-        file.attrs["name"] = self.name
-        file.attrs["size_mm"] = self.size_mm
-        write_array(file, "angles", self.angles, "radians: theta_i, theta_v, phi_i, phi_v")
-        write_array(file, "present", np.zeros(self.shape[0], dtype=np.uint8))
-        texels = tuple(min(_CHUNK_TEXELS, length) for length in self.shape[1:3])
+        file.attrs["name"] = layout.name
+        file.attrs["size_mm"] = layout.size_mm
+        pairs, *texels, _ = layout.shape
+        write_array(file, "angles", layout.angles, "radians: theta_i, theta_v, phi_i, phi_v")
+        write_array(file, "present", np.ones(pairs, dtype=np.uint8))
+        chunk = (min(_CHUNK_PAIRS, pairs), *(min(_CHUNK_TEXELS, side) for side in texels), 3)
         values = file.create_dataset(
             "values",
-            shape=self.shape,
-            dtype=self.dtype,
-            chunks=(min(_CHUNK_PAIRS, self.shape[0]), *texels, 3),
+            shape=layout.shape,
+            dtype=layout.dtype,
+            chunks=chunk,
             compression="gzip",
             compression_opts=1,
             shuffle=True,
         )
         values.attrs["units"] = "1/sr"
-        return file
-
-    def _continue(self) -> h5py.File:
-        """Open the part after checking that it is one of the same stack."""
-        with open_checked(self.part, CONTENT) as part:
-            values = part["values"]
-            same = (
-                values.shape == self.shape
-                and values.dtype == self.dtype
-                and np.array_equal(part["angles"][()], self.angles)
-                and np.array_equal(part.attrs["size_mm"], self.size_mm)
-                and part.attrs["provenance"] == self.provenance
-            )
-        if not same:
-            raise SimrigError(
-                f"'{self.part}' is the unfinished part of another BTF: remove it or choose "
-                "another name"
-            )
-        return h5py.File(self.part, "r+")
+        yield BtfFile(file, layout)
 
 
 def write_btf(path: str | Path, stack: BtfStack, dtype: type | None = None) -> Path:
@@ -211,22 +189,13 @@ def write_btf(path: str | Path, stack: BtfStack, dtype: type | None = None) -> P
     Returns:
         The path.
     """
-    path = Path(path)
-    dtype = stack.values.dtype.type if dtype is None else dtype
-    path.with_name(path.name + ".part").unlink(missing_ok=True)
-    writer = BtfWriter(
-        path,
-        stack.angles,
-        stack.resolution,
-        stack.size_mm,
-        name=stack.name,
-        provenance=stack.provenance,
-        dtype=dtype,
-    )
-    with writer:
+    kind = stack.values.dtype.type if dtype is None else dtype
+    size, about = stack.size_mm, stack.provenance
+    layout = BtfLayout.of(stack.angles, stack.resolution, size, stack.name, about, kind)
+    with new_btf(path, layout) as file:
         for part, block in stack.blocks():
-            writer.write(part.start, block)
-    return path
+            file.write(part.start, block)
+    return Path(path)
 
 
 def read_notes(path: str | Path) -> dict[str, np.ndarray]:
@@ -245,13 +214,14 @@ def read_btf(path: str | Path) -> BtfStack:
     """Open a BTF; its values stay in the file and are read when they are asked for.
 
     Raises:
-        SimrigError: not a BTF of simrig, damaged, or an unfinished part (says how many pairs it
-            lacks and names the first).
+        SimrigError: not a BTF of simrig, damaged, one that claims more than its file can hold, or
+            an unfinished part of version 0.1 (says how many pairs it lacks, names the first).
     """
     with open_checked(path, CONTENT) as file:
         values = file["values"]
         if values.dtype.kind != "f" or values.external or values.is_virtual:
             raise SimrigError(f"'values' in '{path}' is not a plain array of floats")
+        check_claim(values)
         angles = read_array(file, "angles", (None, 4))
         present = read_array(file, "present", (len(angles),)).astype(bool)
         if not present.all():

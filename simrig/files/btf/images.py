@@ -24,7 +24,8 @@ import numpy as np
 from simrig.btf.stack import BtfStack, checked_size
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError, unknown_name
-from simrig.files.btf.hdf5 import BtfWriter, read_btf
+from simrig.files.btf.hdf5 import read_btf
+from simrig.files.btf.recording import BtfWriter
 from simrig.files.btf.source import ANGLES, BtfPictures, find_pictures
 from simrig.files.images import write_exr
 from simrig.files.pictures import read_picture

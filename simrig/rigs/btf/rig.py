@@ -25,7 +25,8 @@ from simrig.core.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, hemisphere_81
 from simrig.directions.spherical import to_vector
-from simrig.files.btf.hdf5 import BtfWriter, read_btf, read_notes
+from simrig.files.btf.hdf5 import read_btf, read_notes
+from simrig.files.btf.recording import BtfWriter
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.btf.bounces import MOST_BOUNCES, plan_bounces
 from simrig.rigs.btf.camera import TileCamera
@@ -175,9 +176,8 @@ def _fill(
         if missing.isdisjoint(range(view.pairs.start, view.pairs.stop)):
             continue
         images = camera.view(view.omega_v, view.lights, bounces, view.number)
-        writer.note(STANDARD_ERROR, view.first, images.standard_error, "1/sr, mean over texels")
-        writer.write(view.first, images.values.sum(axis=0))
-        writer.flush()
+        notes = {STANDARD_ERROR: (images.standard_error, "1/sr, mean over texels")}
+        writer.write(view.first, images.values.sum(axis=0), notes)
     if progress is not None:
         progress(len(views), len(views))
 
