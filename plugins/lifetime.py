@@ -42,7 +42,11 @@ def _collection(phase: str, info: dict[str, int]) -> None:
     if not (_running or dr.flag(dr.JitFlag.SymbolicScope)):
         _held.clear()
     elif phase == "start":
-        _held.extend(gc.get_objects(number) for number in range(info["generation"] + 1))
+        for number in range(info["generation"] + 1):
+            objects = gc.get_objects(number)
+            # a tuple may be in the making, which allows no second reference: hold what it has
+            _held.append([one for one in objects if type(one) is not tuple])
+            _held.append(gc.get_referents(*(one for one in objects if type(one) is tuple)))
 
 
 gc.callbacks.append(_collection)
