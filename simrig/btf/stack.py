@@ -102,7 +102,7 @@ class BtfStack(Shown):
     @property
     def nbytes(self) -> int:
         """Bytes of all values as they are stored in memory."""
-        return math.prod(self.values.shape) * int(self.values.dtype.itemsize)
+        return int(math.prod(self.values.shape) * self.values.dtype.itemsize)
 
     @property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:

@@ -3,13 +3,15 @@
 Files: written beside under a temporary name and renamed; one that exists is refused without
 ``--overwrite``.
 
-Folders: results are made in ``.NAME.partial`` beside the folder, which is then renamed. A folder
-that simrig made, and that holds nothing else, is replaced. Any other folder that is not empty is
-refused; with ``--overwrite`` the results are put into it, over files of the same names, and nothing
-else in it is touched. An interrupted run leaves its partial folder behind, and the same command
-goes on from there.
+Folders: results are made in a working folder and moved when they are complete. It is
+``.NAME.partial`` beside a folder that does not exist yet, which it becomes; inside one that exists
+it is ``.partial``, so that the folder itself may be a link, a mount or where the shell stands. A
+folder that holds anything is refused. With ``--overwrite`` what simrig wrote there is replaced, and
+nothing else in it is touched. A run that is stopped or fails leaves what it made in the working
+folder, and the same command goes on from there.
 
-Both: while one process works on an output, another is refused, ``--overwrite`` or not.
+Both: a symbolic link stays one, the results stand where it points to. While one process works on
+an output, another is refused, ``--overwrite`` or not.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from simrig.cli import frame
 from simrig.core.errors import SimrigError
 
 MARKER = ".simrig.json"
+_PARTIAL, _LOCK = ".partial", ".lock"
 
 
 @contextmanager
@@ -39,7 +42,7 @@ def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
             another process is writing it.
     """
     _check_file(path, overwrite)
-    with _locked(path):
+    with _locked(_lock_beside(_resolved(path)), path):
         _check_file(path, overwrite)  # it may have been finished by whoever held the lock
         yield path
 
@@ -66,91 +69,150 @@ def output_folder(path: Path, overwrite: bool, request: Mapping[str, Any]) -> It
     Raises:
         SimrigError: the folder is in use (see this module's docstring).
     """
-    path = path.absolute()
-    _check_folder(path, overwrite)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with _locked(path):
-        partial = path.with_name(f".{path.name}.partial")
-        _prepare(partial, {"simrig": __version__, "request": frame.plain(request)})
+    given, path = path, _resolved(path)
+    _check_folder(given, path, overwrite)
+    exists = path.is_dir()
+    partial = path / _PARTIAL if exists else path.with_name(f".{path.name}{_PARTIAL}")
+    with _errors_of_the_system(given):
+        partial.parent.mkdir(parents=True, exist_ok=True)
+    with _locked(path / _LOCK if exists else _lock_beside(path), given):
+        with _errors_of_the_system(given):
+            _prepare(partial, {"simrig": __version__, "request": frame.plain(request)})
         frame.on_interrupt("the same command goes on from what is done")
         try:
             yield partial
-        except Exception as error:
-            if not frame.is_interrupt(error):
+        except BaseException:
+            if not _results(partial):
                 shutil.rmtree(partial, ignore_errors=True)
             raise
-        _list_files(partial)
-        _check_folder(path, overwrite)
-        _move(partial, path)
+        _check_folder(given, path, overwrite)
+        with _errors_of_the_system(given):
+            _list_files(partial)
+            _move(partial, path)
 
 
-def _check_folder(path: Path, overwrite: bool) -> None:
+def _resolved(path: Path) -> Path:
+    """Return where a path leads, links followed."""
+    return Path(os.path.realpath(path))
+
+
+@contextmanager
+def _errors_of_the_system(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise SimrigError(f"cannot write '{path}': {error.strerror or error}") from error
+
+
+def _check_folder(given: Path, path: Path, overwrite: bool) -> None:
+    """Refuse a folder that cannot be one, or that holds something."""
     if path.exists() and not path.is_dir():
-        raise SimrigError(f"'{path}' is a file, an output folder was expected")
+        raise SimrigError(f"'{given}' is a file, an output folder was expected")
     if overwrite or not path.is_dir():
         return
     foreign = _foreign_files(path)
     if foreign:
         raise SimrigError(
-            f"output folder '{path}' is in use: it holds '{foreign[0]}', which simrig did not "
+            f"output folder '{given}' is in use: it holds '{foreign[0]}', which simrig did not "
             "write; choose another --output, or --overwrite to add the results to it"
+        )
+    if _results(path):
+        raise SimrigError(
+            f"'{given}' exists and holds results: choose another --output, or --overwrite to "
+            "replace them"
         )
 
 
 def _foreign_files(folder: Path) -> list[str]:
     """Return what stands in the folder and was not written there by simrig."""
-    try:
-        ours = set(json.loads((folder / MARKER).read_text())["files"])
-    except (OSError, ValueError, KeyError, TypeError):
-        ours = set()
+    ours = _ours(folder)
     return sorted(name for name in _files(folder) if name not in ours)
 
 
+def _ours(folder: Path) -> set[str]:
+    """Return the files that simrig wrote into a folder, as its marker says."""
+    try:
+        listed = json.loads((folder / MARKER).read_text(encoding="utf-8"))["files"]
+        return {str(name) for name in listed if _inside(name)}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def _inside(name: Any) -> bool:
+    """Return whether a name of a marker stays in its folder; what others wrote may not."""
+    return isinstance(name, str) and not Path(name).is_absolute() and ".." not in Path(name).parts
+
+
 def _files(folder: Path) -> list[str]:
-    return [
-        str(Path(root, name).relative_to(folder))
-        for root, _, names in os.walk(folder)
-        for name in names
-    ]
+    """Return the files of a folder, without its working folder and its lock."""
+    found = []
+    for root, folders, names in os.walk(folder):
+        if Path(root) == folder:
+            folders[:] = [name for name in folders if name != _PARTIAL]
+            names = [name for name in names if name != _LOCK]
+        found += [str(Path(root, name).relative_to(folder)) for name in names]
+    return found
+
+
+def _results(folder: Path) -> list[str]:
+    """Return the files that are results."""
+    return [name for name in _files(folder) if name != MARKER]
 
 
 def _prepare(partial: Path, about: Mapping[str, Any]) -> None:
     """Make the working folder, or keep the one that the same request left behind."""
     marker = partial / MARKER
-    if partial.exists() and (not marker.is_file() or marker.read_text() != json.dumps(about)):
-        shutil.rmtree(partial)
+    if partial.exists():
+        try:
+            found = json.loads(marker.read_text(encoding="utf-8"))
+            same = all(found.get(key) == value for key, value in about.items())
+        except (OSError, ValueError, AttributeError):
+            same = False
+        if not same:
+            shutil.rmtree(partial)
     partial.mkdir(exist_ok=True)
-    marker.write_text(json.dumps(about))
+    marker.write_text(json.dumps(about), encoding="utf-8")
 
 
 def _list_files(partial: Path) -> None:
     """Note in the marker which files are ours."""
     marker = partial / MARKER
-    about = json.loads(marker.read_text())
-    marker.write_text(json.dumps({**about, "files": sorted(_files(partial))}, indent=2))
+    about = json.loads(marker.read_text(encoding="utf-8"))
+    marker.write_text(
+        json.dumps({**about, "files": sorted(_files(partial))}, indent=2), encoding="utf-8"
+    )
 
 
 def _move(partial: Path, final: Path) -> None:
-    if final.is_dir() and _foreign_files(final):  # only with --overwrite
-        for name in _files(partial):
-            (final / name).parent.mkdir(parents=True, exist_ok=True)
-            (partial / name).replace(final / name)
-        shutil.rmtree(partial)
+    """Give the results their place; a folder that is there stays the same folder."""
+    if not final.exists():
+        partial.replace(final)
         return
-    if final.is_dir():
-        old = final.with_name(f".{final.name}.old")
-        shutil.rmtree(old, ignore_errors=True)
-        final.replace(old)
-        partial.replace(final)
-        shutil.rmtree(old)
-    else:
-        partial.replace(final)
+    made = set(_files(partial))
+    stale = [name for name in _ours(final) if name not in made]
+    for name in sorted(made - {MARKER}):
+        (final / name).parent.mkdir(parents=True, exist_ok=True)
+        (partial / name).replace(final / name)
+    (partial / MARKER).replace(final / MARKER)
+    for name in stale:
+        (final / name).unlink(missing_ok=True)
+        _remove_empty((final / name).parent, final)
+    shutil.rmtree(partial)
+
+
+def _remove_empty(folder: Path, top: Path) -> None:
+    while folder != top and folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+        folder = folder.parent
+
+
+def _lock_beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.lock")
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Hold ``.NAME.lock`` beside the output; the system frees it should the process die."""
-    lock = path.with_name(f".{path.name}.lock")
+def _locked(lock: Path, path: Path) -> Iterator[None]:
+    """Hold the lock of an output; the system frees it should the process die."""
     with _open_lock(lock, path) as handle:
         handle.write(str(os.getpid()))
         handle.flush()
@@ -162,7 +224,8 @@ def _locked(path: Path) -> Iterator[None]:
 
 def _open_lock(lock: Path, path: Path) -> Any:
     while True:
-        handle = open(lock, "a")  # noqa: SIM115 (the caller closes it, which frees the lock)
+        with _errors_of_the_system(path):
+            handle = open(lock, "a")  # noqa: SIM115 (the caller closes it, which frees the lock)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
