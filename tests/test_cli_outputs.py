@@ -189,6 +189,7 @@ def test_an_interrupted_run_goes_on_for_the_same_request_only(tmp_path: Path) ->
     assert not target.exists()
     with output_folder(target, False, REQUEST) as folder:
         assert (folder / "checkpoint").read_text() == "half"
+    target = tmp_path / "other"
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     with output_folder(target, False, {**REQUEST, "samples": 4}) as folder:

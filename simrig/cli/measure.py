@@ -65,6 +65,7 @@ def measure(
     """
     from simrig.core.effects import Overrides, parse_tolerance
     from simrig.core.options import checked_options
+    from simrig.files.checkpoint import checkpoint_of
     from simrig.files.load import load_material
     from simrig.plans.registry import PLANS, make_plan, plan_type
     from simrig.rigs.registry import RIGS, make_rig
@@ -85,7 +86,7 @@ def measure(
         truth = load_material(material)
         made = make_plan(name, truth, **wishes)
         device.check(truth, made)
-        checkpoint = output.with_name(f".{output.name}.checkpoint")
+        checkpoint = checkpoint_of(output)
         frame.on_interrupt(f"run the same command again to go on from '{checkpoint}'")
         if device.effect_names and not ideal:
             device = device.planned(truth, made, allowed, overrides)

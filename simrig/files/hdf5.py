@@ -22,6 +22,7 @@ import simrig
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.atomic import atomic_write, existing_file
+from simrig.files.full_disk import FileOnFullDisk
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 FORMAT_VERSION = 1
@@ -74,7 +75,11 @@ def create(
         content: what it holds, for example ``"brdf"``.
         provenance: how it came about, anything JSON can hold.
     """
-    with atomic_write(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+    with (
+        atomic_write(path) as temporary,
+        FileOnFullDisk(temporary) as stream,
+        h5py.File(stream, "w", track_order=True) as file,
+    ):
         file.attrs["format"] = "simrig"
         file.attrs["format_version"] = FORMAT_VERSION
         file.attrs["content"] = content
