@@ -310,8 +310,10 @@ def test_an_interrupted_convergence_goes_on(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_ledger_that_cannot_be_read_is_empty(tmp_path: Path) -> None:
-    (tmp_path / ".convergence-parts.json").write_text("{")
+def test_a_ledger_whose_reference_is_damaged_is_empty(tmp_path: Path) -> None:
+    Ledger.kept_in(tmp_path).kept.put("reference", {"no": "reference"})
+    [piece] = tmp_path.rglob("*.npz")
+    piece.write_bytes(piece.read_bytes()[:50])
     assert Ledger.kept_in(tmp_path).reference is None
 
 

@@ -18,7 +18,7 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
-from simrig.evaluation.experiment.checkpoint import LEDGER, Steps
+from simrig.evaluation.experiment.checkpoint import PARTS, Steps
 from simrig.evaluation.experiment.config import (
     ComparisonSettings,
     Experiment,
@@ -85,7 +85,7 @@ def test_results_are_on_disk_and_complete(finished: tuple) -> None:
         assert record["file_bytes"] == (folder / record["files"]["reconstruction"]).stat().st_size
         for scene in record["scenes"].values():
             assert all((folder / file).is_file() for file in scene["files"].values())
-    assert not (folder / LEDGER).exists()
+    assert not (folder / PARTS).exists()
     assert not list(folder.rglob("*.checkpoint"))
 
 

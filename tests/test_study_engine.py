@@ -58,7 +58,7 @@ def test_an_interrupted_run_goes_on_to_the_same_files(squares: Study, tmp_path: 
     whole = run_study(squares, config, tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt):
         run_study(interrupted_at(squares, 3), config, tmp_path / "cut")
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cut" / "cells").iterdir()}
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cut" / "cells").glob("*.npz")}
     assert len(kept) == 3
     with pytest.raises(SimrigError, match="3 of 5 cells"):
         load_results(squares, tmp_path / "cut")
@@ -131,12 +131,15 @@ def test_a_folder_of_something_else_is_refused(squares: Study, tmp_path: Path) -
     assert not (tmp_path / "new").exists()
 
 
-def test_a_damaged_cell_is_run_again(squares: Study, tmp_path: Path) -> None:
+def test_a_damaged_cell_is_run_again(
+    squares: Study, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     first = run_study(squares, {"count": 3}, tmp_path)
-    damaged, foreign, _ = sorted((tmp_path / "cells").iterdir())
-    damaged.write_text(damaged.read_text()[:20])
-    foreign.write_text(foreign.read_text().replace('"number"', '"other"'))
+    damaged, foreign, other = sorted((tmp_path / "cells").glob("*.npz"))
+    damaged.write_bytes(damaged.read_bytes()[:20])
+    foreign.write_bytes(other.read_bytes())
     again = run_study(squares, {"count": 3}, tmp_path)
+    assert "is damaged" in caplog.text and damaged.name in caplog.text
     assert again.run["computed"] == 2 and again.rows == first.rows
 
 

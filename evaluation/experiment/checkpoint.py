@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import json
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from simrig.files.atomic import atomic_write
+from simrig.core.errors import SimrigError
+from simrig.files.checkpoint import Checkpoint
 
-LEDGER = ".parts.json"
-CHECKPOINT = ".checkpoint"  # ending of the files of unfinished measurements
+PARTS = ".parts"
+MEASURING = ".checkpoint"  # ending of the folders of unfinished measurements
 
 Progress = Callable[..., None]  # (steps done, steps in total, what is being done)
 
 
-class Checkpoint:
+class Parts:
     """The finished parts of an experiment in its folder: their files and their records.
 
     A part is noted once its files are written, so whatever is noted can be used. Parts of other
@@ -27,43 +28,26 @@ class Checkpoint:
     """
 
     def __init__(self, folder: Path, identity: Mapping[str, Any]):
-        self._folder, self._path = folder, folder / LEDGER
-        self._identity = json.loads(json.dumps(identity))
-        self._records: dict[str, Any] = {}
-        found = self._read()
-        if found.get("identity") == self._identity:
-            self._records = found["records"]
-        else:
-            for checkpoint in folder.rglob(f"*{CHECKPOINT}"):
-                checkpoint.unlink()
-
-    def _read(self) -> dict[str, Any]:
+        kept = folder / PARTS
         try:
-            found = json.loads(self._path.read_text())
-            return found if isinstance(found["records"], dict) else {}
-        except (OSError, ValueError, KeyError, TypeError):
-            return {}
+            self._kept = Checkpoint(kept, identity)
+        except SimrigError:
+            for other in (kept, *folder.rglob(f"*{MEASURING}")):
+                shutil.rmtree(other)
+            self._kept = Checkpoint(kept, identity)
 
     def get(self, name: str) -> dict[str, Any] | None:
-        """Return the record of a finished part whose files are all there, else None."""
-        record = self._records.get(name)
-        if record is None:
-            return None
-        present = all((self._folder / file).is_file() for file in record["files"].values())
-        return record if present else None
+        """Return the record of a finished part whose files are all there and whole, else None."""
+        piece = self._kept.get(name)
+        return None if piece is None else piece.record
 
     def put(self, name: str, record: Mapping[str, Any]) -> dict[str, Any]:
         """Note a finished part: plain values, with its ``files`` relative to the folder."""
-        self._records[name] = dict(record)
-        with atomic_write(self._path) as temporary:
-            temporary.write_text(
-                json.dumps({"identity": self._identity, "records": self._records}, allow_nan=False)
-            )
-        return self._records[name]
+        return self._kept.put(name, dict(record), files=record["files"].values()).record
 
     def close(self) -> None:
-        """Remove the list: the experiment is complete."""
-        self._path.unlink(missing_ok=True)
+        """Forget the parts: the experiment is complete."""
+        self._kept.remove()
 
 
 class Steps:

@@ -9,7 +9,7 @@ from typing import Any
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.effects import parse_tolerance
-from simrig.evaluation.experiment.checkpoint import CHECKPOINT, Checkpoint, Steps
+from simrig.evaluation.experiment.checkpoint import MEASURING, Parts, Steps
 from simrig.evaluation.experiment.config import BOTH_SLICE_TYPES, NO_EFFECTS, MeasurementSettings
 from simrig.files.hdf5 import write_brdf
 from simrig.methods import METHODS, Reconstructed
@@ -108,7 +108,7 @@ class MeasurementRunner:
     settings: MeasurementSettings
     interpolation: str
     folder: Path
-    parts: Checkpoint
+    parts: Parts
     steps: Steps
 
     def subject(self, plan: Planned) -> Subject:
@@ -139,7 +139,7 @@ class MeasurementRunner:
             self.truth,
             plan.plan,
             tolerance=None if wanted == NO_EFFECTS else parse_tolerance(wanted),
-            checkpoint=path.with_suffix(CHECKPOINT),
+            checkpoint=path.with_suffix(MEASURING),
             progress=self.steps.within,
         )
         measurement.save(path)

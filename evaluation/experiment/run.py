@@ -9,7 +9,7 @@ from typing import Any
 import simrig
 from simrig.brdf.protocol import Brdf
 from simrig.core import backend
-from simrig.evaluation.experiment.checkpoint import Checkpoint, Progress, Steps
+from simrig.evaluation.experiment.checkpoint import Parts, Progress, Steps
 from simrig.evaluation.experiment.config import Experiment, SceneSettings, demo_experiment
 from simrig.evaluation.experiment.plans import check_plans
 from simrig.evaluation.experiment.reconstructions import (
@@ -82,7 +82,7 @@ def run_experiment(
         "instrument": rig.instrument_facts(),
         "material": fingerprint(truth),
     }
-    parts = Checkpoint(folder, identity)
+    parts = Parts(folder, identity)
     steps = Steps(len(plans) * (2 + len(experiment.scenes)) + len(experiment.scenes) + 1, progress)
 
     runner = MeasurementRunner(
@@ -137,7 +137,7 @@ def _reconstruction(
     renderers: list[SceneRenderer],
     grid: Any,
     experiment: Experiment,
-    parts: Checkpoint,
+    parts: Parts,
     steps: Steps,
 ) -> dict[str, Any]:
     """Compare a reconstruction with the truth over all angles and on all scenes."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.protocol import Brdf
-from simrig.evaluation.experiment.checkpoint import Checkpoint, Steps
+from simrig.evaluation.experiment.checkpoint import Parts, Steps
 from simrig.evaluation.experiment.config import Experiment, SceneSettings
 from simrig.evaluation.experiment.plans import experiment_scene, plan_experiment_scene
 from simrig.evaluation.experiment.rendering import USUAL_SPP
@@ -38,7 +38,7 @@ class SceneRenderer:
     scene: SceneSettings
     experiment: Experiment
     folder: Path
-    parts: Checkpoint
+    parts: Parts
     steps: Steps
     _cache: dict[str, np.ndarray] = field(default_factory=dict)
 

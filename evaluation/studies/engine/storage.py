@@ -1,7 +1,7 @@
 """The folder of a study: its frozen configuration, one file per finished cell, the results.
 
-A cell's file is named after a hash of the cell's values and written under a temporary name first,
-so a file that is there is a finished cell, and any number of processes may work on one folder.
+The cells are the pieces of a checkpoint, named after a hash of the cell's values: a file that is
+there is a finished cell, and any number of processes may work on one folder.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ import simrig
 from simrig.core.errors import SimrigError
 from simrig.evaluation.studies.engine.base import Cell, Config, Study
 from simrig.files.atomic import atomic_write
+from simrig.files.checkpoint import Checkpoint
 
-FORMAT = 1  # of the folder
+FORMAT = 2  # of the folder
 CONFIGURATION = "configuration.json"
 _CELLS = "cells"
 
@@ -89,9 +91,8 @@ class StudyFolder:
         else:
             if path.is_file() or (path.is_dir() and any(path.iterdir())):
                 raise SimrigError(f"'{path}' is in use and holds no study: choose another --output")
-            (path / _CELLS).mkdir(parents=True, exist_ok=True)
+            path.mkdir(parents=True, exist_ok=True)
             _write_json(path / CONFIGURATION, folder._about())
-        (path / _CELLS).mkdir(exist_ok=True)
         return folder
 
     @classmethod
@@ -124,9 +125,9 @@ class StudyFolder:
         """Return all cells of the configuration, in order."""
         return [plain(cell) for cell in self.study.cells(self.config)]
 
-    def file_of(self, cell: Cell) -> Path:
-        """Return the file of a cell."""
-        return self.path / _CELLS / f"{cell_key(cell)}.json"
+    @cached_property
+    def _kept(self) -> Checkpoint:
+        return Checkpoint(self.path / _CELLS, self._about())
 
     def keep(self, cell: Cell, rows: Sequence[Mapping[str, Any]], seconds: float) -> None:
         """Write the file of a finished cell.
@@ -136,17 +137,15 @@ class StudyFolder:
             rows: that it gave.
             seconds: that it took.
         """
-        kept = {"cell": cell, "seconds": seconds, "rows": plain(list(rows))}
-        _write_json(self.file_of(cell), kept)
+        kept = {"cell": plain(cell), "seconds": seconds, "rows": plain(list(rows))}
+        self._kept.put(cell_key(cell), kept)
 
     def finished(self, cell: Cell) -> FinishedCell | None:
         """Return a finished cell, None when it has to be run (again)."""
-        try:
-            kept = json.loads(self.file_of(cell).read_text())
-            found = FinishedCell(kept["cell"], kept["rows"], kept["seconds"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None  # not there, or damaged
-        return found if found.cell == cell else None
+        piece = self._kept.get(cell_key(cell))
+        if piece is None or piece.record["cell"] != plain(cell):
+            return None
+        return FinishedCell(cell, piece.record["rows"], piece.record["seconds"])
 
 
 def cell_key(cell: Cell) -> str:
