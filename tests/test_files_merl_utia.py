@@ -12,6 +12,7 @@ from simrig.brdf.tables.resample import resample_dense, resample_isotropic
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.files import merl, utia
+from simrig.files.load import file_format
 
 SMALL = utia.UtiaLayout(n_theta=3, n_phi=4, theta_step_deg=30.0)
 
@@ -236,3 +237,32 @@ def test_utia_refuses_wrong_pictures(tmp_path, rng):
 def test_utia_writer_refuses_other_grids(tmp_path):
     with pytest.raises(SimrigError, match="resample it with resample_dense"):
         utia.write_utia(tmp_path / "x.bin", DenseTable(np.ones((3, 3, 4, 5, 3)), 0.5))
+
+
+@pytest.mark.parametrize("shape", [(45, 30, 60), (16, 16, 32), (2, 3, 4)])
+def test_merl_of_other_sizes_is_read(tmp_path, rng, shape):
+    planes = rng.uniform(1.0, 500.0, (3, *shape))
+    path = tmp_path / "x.binary"
+    path.write_bytes(merl_bytes(planes, shape))
+    table = merl.read_merl(path)
+    assert table.values.shape == (*shape, 3) and table.reciprocal
+    np.testing.assert_allclose(table.values[1, 2, 3], planes[:, 1, 2, 3] * merl.SCALE, rtol=1e-6)
+    assert file_format(path) == "merl"
+    path.write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(SimrigError, match=r"its dimensions are .* bytes do not fit them"):
+        merl.read_merl(path)
+
+
+def test_utia_layouts_are_proposed_and_stated(tmp_path):
+    path = tmp_path / "dense.bin"
+    np.full((3, 360, 360), 0.1).astype("<f8").tofile(path)
+    with pytest.raises(SimrigError, match=r"--layout N_THETAxN_PHI \(.*12x30.* would fit\)"):
+        utia.read_utia(path)
+    table = utia.read_utia(path, utia.parse_layout("12x30"))
+    assert table.values.shape == (12, 12, 30, 30, 3)
+    assert np.degrees(table.theta_max) == pytest.approx(82.5)
+    for bad in ("12", "12x", "1x360", "12x30x3", "-12x30"):
+        with pytest.raises(SimrigError, match="a layout is N_THETAxN_PHI"):
+            utia.parse_layout(bad)
+    with pytest.raises(SimrigError, match="do not end at or before 90°"):
+        utia.parse_layout("12x30", 15.0)

@@ -14,6 +14,7 @@ from simrig.brdf.tables.warp2d import distribution, invert, sample, single, stac
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
+from simrig.files.load import load_material
 from simrig.files.rgl.reader import read_rgl
 from simrig.files.rgl.tensor_file import MAGIC, read_tensors, write_tensors
 from simrig.files.rgl.writer import RglResolution, is_mirror_symmetric, write_rgl
@@ -299,3 +300,49 @@ def test_spectral_material_becomes_rgb(tmp_path, fields):
 def test_resolution_is_checked(size):
     with pytest.raises(SimrigError, match="phi even, warp and colour odd"):
         RglResolution(**size)
+
+
+def test_spectra_without_wavelengths_ask_for_them(tmp_path, fields):
+    wavelengths = np.linspace(400.0, 700.0, 31).astype(np.float32)
+    grey = fields.pop("rgb")[:, :, :1]
+    fields.update(spectra=np.repeat(grey, 31, axis=2))
+    path = tmp_path / "spectral.bsdf"
+    write_tensors(path, fields)
+    with pytest.raises(SimrigError, match=r"spectra of 31 samples.*--wavelengths FIRST:LAST"):
+        read_rgl(path)
+    pair = to_vector(0.3, 1.0), to_vector(0.6, 2.0)
+    expected = evaluate(read_rgl(tmp_path / "good.bsdf"), *pair)
+    stated = load_material(path, wavelengths="400:700")
+    np.testing.assert_allclose(evaluate(stated, *pair), expected, rtol=1e-5)
+    with pytest.raises(SimrigError, match="FIRST:LAST in nm such as 360:1000"):
+        load_material(path, wavelengths="400-700")
+    write_tensors(path, {**fields, "wavelengths": wavelengths[:-1]})
+    with pytest.raises(SimrigError, match="30 wavelengths for spectra of 31 samples"):
+        read_rgl(path)
+
+
+def test_double_precision_and_whole_numbers_are_read(tmp_path, fields):
+    pair = to_vector(0.3, 1.0), to_vector(0.6, 2.0)
+    expected = evaluate(read_rgl(tmp_path / "good.bsdf"), *pair)
+    double = {
+        name: array.astype(np.float64) if array.dtype.kind == "f" else array
+        for name, array in fields.items()
+    }
+    write_tensors(tmp_path / "double.bsdf", double)
+    found = read_rgl(tmp_path / "double.bsdf")
+    np.testing.assert_allclose(evaluate(found, *pair), expected, rtol=1e-6)
+    assert found.data()["rgb"].dtype == np.float64
+    double["rgb"] = np.round(double["rgb"]).astype(np.int32)
+    write_tensors(tmp_path / "whole.bsdf", double)
+    assert read_rgl(tmp_path / "whole.bsdf").data()["rgb"].dtype == np.float32
+
+
+def test_unusual_sizes_are_read(tmp_path, fields):
+    """A single polar angle with tables, and colour tables that are not square."""
+    one = {**fields, "theta_i": fields["theta_i"][:2], "vndf": fields["vndf"][:, :2]}
+    one["rgb"] = fields["rgb"][:, :2, :, :3, :]
+    write_tensors(tmp_path / "few.bsdf", one)
+    found = read_rgl(tmp_path / "few.bsdf")
+    assert found.data()["rgb"].shape[2] == 3
+    values = evaluate(found, to_vector(0.3, 1.0), to_vector(0.6, 2.0))
+    assert np.all(np.isfinite(values)) and values.min() >= 0.0

@@ -91,6 +91,8 @@ def file_format(path: str | Path) -> str:
     text = _as_text(start)
     if text is not None:
         return _text_format(path, text)
+    if start.startswith(b"#") and b"#PARAM_IN" in start:
+        raise _other(path, "a binary ALTA file, not read: data2data writes it as text")
     if path.suffix.lower() in _ENDINGS:
         raise _other(path, _ENDINGS[path.suffix.lower()])
     if merl.is_merl(start, size) or path.suffix == ".binary":
