@@ -96,6 +96,14 @@ def test_exposure_and_colour_correction_are_divided_out(tmp_path, rgb) -> None:
             read_picture(flat(tmp_path / "a.hdr", rgb, bad, RGBE))
 
 
+def test_lines_of_the_pictures_it_was_made_from_do_not_count(tmp_path, rgb) -> None:
+    """Radiance indents the headers of what a picture was composed of."""
+    lines = ("pcomb a.hdr b.hdr", "a.hdr:", "\tEXPOSURE=8", "\tPRIMARIES=1 2", RGBE)
+    picture = read_picture(flat(tmp_path / "a.hdr", rgb, *lines))
+    np.testing.assert_array_equal(picture.pixels, rgb)
+    assert picture.made == ()
+
+
 def test_xyz_and_primaries(tmp_path, rgb) -> None:
     xyz = rgb @ TO_XYZ.T
     path = flat(tmp_path / "a.hdr", xyz, "FORMAT=32-bit_rle_xyze")

@@ -63,7 +63,8 @@ def _header(path: Path, content: bytes) -> tuple[dict[str, list[str]], re.Match[
         if blank and line.strip():
             break
         blank = not line.strip()
-        if not line.startswith(b"#") and b"=" in line:
+        # indented lines are those of the pictures that this one was made from
+        if not line.startswith((b"#", b"\t", b" ")) and b"=" in line:
             key, value = line.decode("latin-1").split("=", 1)
             fields.setdefault(key.strip().upper(), []).append(value.strip())
     raise SimrigError(f"'{path}' is a damaged Radiance HDR file: its header is broken")
