@@ -20,6 +20,7 @@ from simrig.core.shown import Shown
 from simrig.directions.discs import disc
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKED = ("plugins", "scenes", "evaluation")  # top-level folders that install below simrig
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +65,30 @@ def test_type_checkers_see_the_names_that_there_are() -> None:
         _ = sr.view
 
 
+@pytest.mark.slow
+def test_the_example_is_typed_strictly(tmp_path: Path) -> None:
+    """mypy is shown the installed layout, as ``make types`` shows it."""
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    (tmp_path / "simrig").mkdir()
+    for path in [*(ROOT / "simrig").iterdir(), *(ROOT / name for name in PACKED)]:
+        (tmp_path / "simrig" / path.name).symlink_to(path)
+    wrong = "reveal_type(scan.cost.samples)\nreveal_type(image.image)\nsr.mesure\n"
+    (tmp_path / "example.py").write_text(f"{block}\n{wrong}")
+    settings = ("--strict", "--follow-imports=silent", "--config-file", ROOT / "pyproject.toml")
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", *map(str, settings), "example.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    said = [line.split(": ", 1)[1] for line in done.stdout.splitlines() if "example.py" in line]
+    assert said[0] == 'note: Revealed type is "int"', done.stdout
+    assert "ndarray" in said[1]
+    assert [line for line in said if line.startswith("error")] == said[2:], said
+    assert len(said) == 3 and 'maybe "measure"?' in said[2], said
+
+
 def test_what_is_read_is_told_by_content(tmp_path: Path, btf: sr.Btf) -> None:
     satin = sr.load("yellow_satin")
     assert isinstance(satin, sr.Brdf)
@@ -97,6 +122,13 @@ def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
         (lambda: sr.measure(3), "a BRDF is needed, got int"),
         (lambda: sr.compare("lambert", np.zeros((16, 16, 3))), "not one of each"),
         (lambda: sr.compare("lambert", "ward", exposure=2.0), "has no exposure"),
+        (lambda: sr.compare("lambert", "ward", theta_max_deg=-10.0), "theta|polar angle"),
+        (lambda: sr.measure("lambert", plan="slises"), "did you mean 'slices'"),
+        (lambda: sr.measure("lambert", rig="gantri"), "did you mean 'gantry'"),
+        (lambda: sr.measure("lambert", samples=3), "too few"),
+        (lambda: sr.measure("lambert", tolerance="dE"), "is no tolerance"),
+        (lambda: sr.reconstruct(3), "a measurement is needed"),
+        (lambda: sr.reconstruct("yellow_satin"), "a measurement is needed"),
         (lambda: sr.scene("spere", "lambert"), "did you mean 'sphere'"),
         (lambda: sr.scene("sphere", "lambert", resolutoin=3), "did you mean 'resolution'"),
         (lambda: sr.scene("sphere", "lambert", scale=3.0), "scale is that of a BTF"),
@@ -142,6 +174,24 @@ def test_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed[0].startswith("8,911 samples, 25.5 h of simulated hardware")
     assert [line.split()[0] for line in printed[1:]] == ["MRE", "128", "CIE"]
     assert Path("ours.h5").is_file() and Path("ours.exr").is_file()
+
+
+@pytest.mark.parametrize(
+    ("wished", "method", "samples"),
+    [
+        ({"rig": "gantry"}, "gantry-b", 168),
+        ({"plan": "uniform", "samples": 500, "tolerance": None}, "barycentric", 435),
+        ({"plan": "regular-grid", "samples": 500, "tolerance": None}, "regular-grid", None),
+    ],
+)
+def test_any_rig_and_plan_and_the_method_that_belongs_to_it(
+    wished: dict, method: str, samples: int | None, tmp_path: Path
+) -> None:
+    scan = sr.measure("fabric112", **wished)
+    assert samples in (None, len(scan))
+    path = sr.save(scan, tmp_path / "scan.h5")
+    by_default = np.asarray(sr.reconstruct(path))
+    np.testing.assert_array_equal(by_default, np.asarray(sr.reconstruct(scan, method=method)))
 
 
 def test_a_render_says_its_cost_and_its_error() -> None:

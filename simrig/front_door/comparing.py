@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -33,6 +33,34 @@ _OF_MATERIALS = {"step_deg": 2.0, "theta_max_deg": None}
 _OF_PICTURES = {"exposure": 1.0, "foreground": False, "difference_scale": 10.0}
 
 
+@overload
+def compare(
+    reference: Brdf,
+    other: Brdf | str | Path,
+    *,
+    step_deg: float | None = None,
+    theta_max_deg: float | None = None,
+) -> BrdfComparison: ...
+@overload
+def compare(
+    reference: AnyPicture,
+    other: AnyPicture | str | Path,
+    *,
+    exposure: float | None = None,
+    foreground: bool | None = None,
+    difference_scale: float | None = None,
+) -> Comparison: ...
+@overload  # names: what they name is not known to a type checker
+def compare(
+    reference: str | Path,
+    other: Brdf | AnyPicture | str | Path,
+    *,
+    step_deg: float | None = None,
+    theta_max_deg: float | None = None,
+    exposure: float | None = None,
+    foreground: bool | None = None,
+    difference_scale: float | None = None,
+) -> Comparison | Any: ...
 def compare(
     reference: Brdf | AnyPicture | str | Path,
     other: Brdf | AnyPicture | str | Path,
@@ -81,7 +109,8 @@ def compare(
         options = _options(given, _OF_PICTURES, "pictures")
         return _pictures(_named(reference, "the reference"), _named(other, "the other"), **options)
     options = _options(given, _OF_MATERIALS, "materials")
-    options["theta_max_deg"] = options["theta_max_deg"] or _last_step(options["step_deg"])
+    if options["theta_max_deg"] is None:
+        options["theta_max_deg"] = _last_step(options["step_deg"])
     return compare_brdfs(as_brdf(reference), as_brdf(other), **options)
 
 

@@ -34,9 +34,7 @@ def materials() -> dict[str, str]:
     return about | {name: preset.description for name, preset in PRESETS.items()}
 
 
-def load(
-    source: str | Path, *, clamp_negative: bool = False, **stated: Any
-) -> Brdf | BtfStack | Tile | Measurement:
+def load(source: str | Path, *, clamp_negative: bool = False, **stated: Any) -> Brdf | Any:
     """Return a material or a measurement.
 
     Args:
@@ -48,7 +46,7 @@ def load(
 
     Returns:
         A ``Brdf``, a ``Btf`` (images by pairs of directions), a ``Measurement``, or of a built-in
-        material with structure its tile.
+        material with structure its tile. (Type checkers take it for any of these.)
 
     Raises:
         SimrigError: no such name or file, with the nearest known name; a file that holds neither a

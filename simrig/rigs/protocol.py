@@ -234,5 +234,6 @@ def _carry_out(plan: Plan, record: Callable[[np.ndarray], Recorded]) -> Mapping[
         try:
             angles = work.send(recorded)
         except StopIteration as end:
-            return end.value
+            layout: Mapping[str, np.ndarray] = end.value
+            return layout
         recorded = record(angles)
