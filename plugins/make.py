@@ -60,6 +60,10 @@ def make_btf(brdf: SpatialBrdf, **options: Any) -> Any:
     return bsdf
 
 
+class CannotBuildError(SimrigError):
+    """Mitsuba cannot build a scene in the current variant."""
+
+
 @contextmanager
 def one_line_errors() -> Iterator[None]:
     """Turn Mitsuba's report of a plugin that refused its input back into that one-line error.
@@ -87,13 +91,14 @@ def building(what: str) -> Iterator[None]:
         what: is built, for the message: "the scene 'room.xml'".
 
     Raises:
-        SimrigError: the message of a plugin of ours, or what is built and Mitsuba's reason.
+        SimrigError: the message of a plugin of ours.
+        CannotBuildError: what is built and Mitsuba's reason.
     """
     try:
         with one_line_errors():
             yield
     except RuntimeError as error:
-        raise SimrigError(f"cannot build {what}: {_reason(str(error))}") from None
+        raise CannotBuildError(f"cannot build {what}: {_reason(str(error))}") from None
 
 
 def _reason(report: str) -> str:

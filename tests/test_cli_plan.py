@@ -38,7 +38,7 @@ def test_json_has_the_promised_keys() -> None:
     plan = done("plan", "sphere", *SMALL)
     for entry in plan["effects"]:
         assert set(entry) == {"effect", "bound", "on", "why", "cost_s"}
-    assert set(plan["settings"]) == {"integrator", "depth", "spp", "variant"}
+    assert set(plan["settings"]) == {"integrator", "depth", "spp", "variant", "sampler"}
     assert plan["settings"]["depth"] == 2
     assert "inter-reflection" not in switched_on(plan)
 

@@ -26,6 +26,7 @@ from simrig.planning.interreflection import with_more_paths
 from simrig.planning.probe import probe_surfaces
 from simrig.planning.survey import Survey
 from simrig.planning.transport import narrow_highlights
+from simrig.planning.view import View
 from simrig.plugins import make_bsdf
 from simrig.rendering import render as rendering
 from simrig.scenes import build_scene
@@ -80,7 +81,7 @@ SKY = {"type": "constant", "radiance": 0.3}
 def test_each_depth_is_that_of_path_tracing(lights: dict[str, Any], hidden: bool) -> None:
     """Means over the picture; both have 2^18 paths, so they differ by noise alone."""
     scene = mixed_scene(**lights)
-    found = probe_paths(scene, len(lights) == 1, hidden)
+    found = probe_paths(View(scene), len(lights) == 1, hidden)
     means = np.cumsum(found.halves.mean(axis=(1, 2)), axis=0)
     for depth in (2, 3, 5, -1):
         integrator = {"type": "path", "max_depth": depth, "hide_emitters": hidden}
@@ -181,7 +182,7 @@ def test_glossy_bodies_leave_out_what_changes_little(name: str) -> None:
     assert not plan.on("inter-reflection") and plan.settings["depth"] == 2
     loaded = rendering.load(scene)
     everything = {"type": "path", "max_depth": -1, "hide_emitters": True}
-    reference = rendering.render(loaded, 1024, 1, everything).image
+    reference = rendering.render(loaded, 8192, 1, everything).image
     converged = rendering.render(loaded, 1024, 2, planned_integrator(loaded, plan)).image
     for picture, allowed in ((converged, 0.25), (planned_render(scene, plan).image, 0.5)):
         mask = foreground_mask(reference, picture)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from simrig.cli import frame
 from simrig.core.effects import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
+from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
     from simrig.core.effects import Plan
@@ -33,6 +37,13 @@ Everything = Annotated[
 ]
 
 
+Budget = Annotated[
+    str | None,
+    typer.Option(help="Seconds that the picture may take, such as 60s or 5min: the best in time."),
+]
+_UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0}
+
+
 def experiment_with(
     config: Experiment,
     tolerance: str | None,
@@ -51,6 +62,38 @@ def experiment_with(
     }
     changed = {key: value for key, value in said.items() if value}
     return replace(config, rendering=replace(config.rendering, **changed)) if changed else config
+
+
+def seconds_of(text: str) -> float:
+    """Return the seconds that a text such as ``60s``, ``5min`` or ``90`` names.
+
+    Raises:
+        SimrigError: anything else, or no time above 0.
+    """
+    found = re.fullmatch(r"\s*([0-9.eE+-]+)\s*([a-z]*)\s*", text)
+    try:
+        seconds = float(found[1]) * _UNITS[found[2]] if found else math.nan
+    except (ValueError, KeyError):
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:
+        raise SimrigError(f"'{text}' is no time: write for example 60s or 5min, above 0")
+    return seconds
+
+
+def planned(subject: Any, tolerance: str | None, budget: str | None, **options: Any) -> Plan:
+    """Return the plan of a scene for a tolerance, or for a time.
+
+    Raises:
+        SimrigError: both a tolerance's value and a time, or what the planner refuses.
+    """
+    from simrig.planning import plan_budget, plan_scene
+
+    allowed = tolerance or DEFAULT_TOLERANCE
+    if budget is None:
+        return plan_scene(subject, allowed, **options)
+    if tolerance is not None:
+        raise SimrigError("--budget finds the tolerance that fits: leave out --tolerance")
+    return plan_budget(subject, seconds_of(budget), allowed, **options)
 
 
 def plan_table(plan: Plan, title: str = "") -> Any:
@@ -75,5 +118,31 @@ def plan_lines(plan: Plan) -> list[str]:
         f"{plan.tolerance}: {plan.settings_line}; planned in {plan.about['planning_s']:.2f} s, "
         f"expected to take {plan.about['render_s']:.2g} s"
     )
-    advice = plan.about["advice"]
-    return [line, advice] if advice else [line]
+    lines = [line, _over_time(plan)]
+    verified = plan.about.get("verification")
+    if verified and verified["checked"]:
+        lines.append(_verified(verified, plan.tolerance.unit))
+    return [*lines, *([plan.about["advice"]] if plan.about["advice"] else [])]
+
+
+def _over_time(plan: Plan) -> str:
+    """Return the error to expect of less and of more time, in one line."""
+    rows = plan.about["over_time"]
+    texts = [
+        f"{row['seconds']:.2g} s: {'?' if row['error'] is None else format(row['error'], '.2g')}"
+        for row in rows
+    ]
+    return f"error over time, {plan.tolerance.unit}: {', '.join(texts)}"
+
+
+def _verified(found: Mapping[str, Any], unit: str) -> str:
+    switched = ", ".join(found["switched_on"])
+    said = "agrees" if not found["contradicted"] else "still differs"
+    if switched:
+        return (
+            f"verified in {found['seconds']:.2f} s: an independent estimate contradicted the "
+            f"plan, {switched} came on and the picture was rendered again; it now {said}"
+        )
+    if found["contradicted"]:
+        said = f"differs by {found['differs_at_least']:.3g} {unit} or more"
+    return f"verified in {found['seconds']:.2f} s: an independent estimate {said}"

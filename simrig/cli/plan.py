@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import effect_options, frame
-from simrig.cli.scene_argument import Material, Resolution, named_scene
+from simrig.cli.scene_argument import (
+    Define,
+    Material,
+    Resolution,
+    Scale,
+    Sensor,
+    named_scene,
+)
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -37,6 +44,10 @@ def plan(
     exposure: Annotated[
         float | None, typer.Option(help="Of the display; what shows the picture well else.")
     ] = None,
+    budget: effect_options.Budget = None,
+    define: Define = None,
+    scale: Scale = None,
+    sensor: Sensor = 0,
     variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
 ) -> frame.Report:
     """Bound what each effect can change, and leave out what the tolerance allows.
@@ -48,23 +59,26 @@ def plan(
         raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
 
     from simrig.core import backend
-    from simrig.planning import plan_scene
 
     if scene.lower().endswith(".toml"):
+        if budget is not None or define or sensor or scale is not None:
+            raise SimrigError(
+                f"'{scene}' is an experiment: leave out --budget, -D, --scale and --sensor"
+            )
         if material is not None or resolution is not None or exposure is not None:
             raise SimrigError(f"'{scene}' has its own material, sizes and exposure: give none")
         return _experiment(scene, variant, tolerance, enable, disable, everything)
     backend.select(variant)
     options: dict[str, Any] = {
-        "tolerance": tolerance or effect_options.DEFAULT_TOLERANCE,
         "enable": enable or (),
         "disable": disable or (),
         "everything": everything,
         "exposure": exposure,
         "variant": variant,
+        "sensor": sensor,
     }
-    subject, about = named_scene(scene, material, resolution)
-    planned = plan_scene(subject, **options)
+    subject, about = named_scene(scene, material, resolution, define, scale)
+    planned = effect_options.planned(subject, tolerance, budget, **options)
     return frame.Report(data={**about, **planned.as_dict()}, shown=_shown(planned, scene))
 
 

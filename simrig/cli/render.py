@@ -9,6 +9,7 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.outputs import output_file
+from simrig.cli.scene_argument import Define, Scale, Sensor
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -54,7 +55,17 @@ def render(
         int | None, typer.Option(min=1, help="Directional lights of the environment (256).")
     ] = None,
     rotation: Annotated[float, typer.Option(help="Degrees about the surface normal.")] = 0.0,
-    exposure: Annotated[float, typer.Option(help="Factor before the PNG is encoded.")] = 1.0,
+    exposure: Annotated[
+        float | None,
+        typer.Option(help="Factor before the PNG is encoded; that of the plan else."),
+    ] = None,
+    budget: effect_options.Budget = None,
+    verify: Annotated[
+        bool, typer.Option(help="Check the planned picture against an independent estimate.")
+    ] = True,
+    define: Define = None,
+    scale: Scale = None,
+    sensor: Sensor = 0,
     png: Annotated[bool, typer.Option(help="Also write a PNG beside the EXR.")] = True,
     seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 0,
     variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
@@ -69,7 +80,7 @@ def render(
     """
     if output.suffix.lower() not in (".exr", ".png"):
         raise SimrigError(f"'{output}': pictures are written as .exr or .png")
-    if not 0.0 < exposure < float("inf"):
+    if exposure is not None and not 0.0 < exposure < float("inf"):
         raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
     overrides: dict[str, Any] = {
         "enable": enable or (),
@@ -77,7 +88,7 @@ def render(
         "everything": everything,
     }
     by_hand = spp is not None or integrator is not None
-    if by_hand and (tolerance or any(overrides.values())):
+    if by_hand and (tolerance or budget or any(overrides.values())):
         raise SimrigError("--spp and --integrator replace the plan: leave them or its options out")
     files = [output]
     if png and output.suffix.lower() == ".exr":
@@ -101,25 +112,39 @@ def render(
             "rotation": rotation or None,
         }
         options = {key: value for key, value in options.items() if value is not None}
-        subject, about = _subject(scene, material, options)
+        subject, about = _subject(scene, material, options, define, scale)
 
         planned = None
         if not by_hand:
-            allowed = tolerance or effect_options.DEFAULT_TOLERANCE
-            planned = planning.plan_scene(subject, allowed, variant=variant, **overrides)
+            planned = effect_options.planned(
+                subject,
+                tolerance,
+                budget,
+                variant=variant,
+                exposure=exposure,
+                sensor=sensor,
+                **overrides,
+            )
         with frame.progress("rendering") as report:
-            if planned:
+            if planned and verify:
+                result, planned = planning.verified_render(subject, planned, seed, report)
+            elif planned:
                 result = planning.planned_render(subject, planned, seed, report)
             else:
                 chosen = None if integrator == "scene" else integrator
-                loaded = rendering.load(planning.scene_source(subject).build())
-                result = rendering.render(loaded, spp or _SPP, seed, chosen, report)
+                source = planning.scene_source(subject, sensor)
+                result = rendering.render(
+                    rendering.load(source.build()), spp or _SPP, seed, chosen, report, sensor=sensor
+                )
+        if exposure is None:
+            exposure = _exposure(planned, result.image)
         about |= {
             "spp": result.spp,
             "seed": seed,
             "variant": result.variant,
             "integrator": result.integrator,
             **({"film": result.film} if result.film else {}),
+            "exposure": exposure,
         }
         plan = planned.as_dict() if planned else None
         _write(files, result.image, exposure, {**about, **_plan_metadata(plan)})
@@ -136,13 +161,19 @@ def render(
     )
 
 
-def _subject(scene: str, material: str | None, options: dict[str, Any]) -> tuple[Any, dict]:
+def _subject(
+    scene: str,
+    material: str | None,
+    options: dict[str, Any],
+    define: list[str] | None,
+    scale: float | None,
+) -> tuple[Any, dict]:
     """Return what is rendered, for the current variant, and what it is for the report.
 
     A function that builds the dictionary of a built-in scene (again where a plan asks for another
     variant), or the path of a scene file.
     """
-    from simrig.cli.scene_argument import is_scene_file, scene_file
+    from simrig.cli.scene_argument import for_files, is_scene_file, scene_file
     from simrig.files.load import load_material
     from simrig.plugins import make_bsdf
     from simrig.rendering.environment import BUILTIN, environment_lights
@@ -152,7 +183,8 @@ def _subject(scene: str, material: str | None, options: dict[str, Any]) -> tuple
         given = [f"--{name}" for name in (*(["material"] if material else []), *options)]
         if given:
             raise SimrigError(f"'{scene}' is a scene of its own: leave out {', '.join(given)}")
-        return scene_file(scene), {"scene": scene}
+        return scene_file(scene, define, scale), {"scene": scene}
+    for_files(scene, define, scale)
     if material is None:
         raise SimrigError(f"the scene '{scene}' needs a --material: see 'simrig materials'")
     rotation = options.pop("rotation", 0.0)
@@ -165,6 +197,15 @@ def _subject(scene: str, material: str | None, options: dict[str, Any]) -> tuple
         return build_scene(scene, make_bsdf(brdf, rotation), **options)
 
     return build, {"scene": scene, "material": material}
+
+
+def _exposure(planned: Plan | None, image: Any) -> float:
+    """Return the factor with which a picture is shown: that of its plan, or what suits it."""
+    from simrig.rendering.render import display_exposure
+
+    if planned:
+        return float(planned.about["exposure"])
+    return display_exposure(image) if (image > 0.0).any() else 1.0
 
 
 def _plan_metadata(plan: dict[str, Any] | None) -> dict[str, str]:

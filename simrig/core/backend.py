@@ -172,6 +172,18 @@ def select(variant: str = "auto") -> str:
     return variant
 
 
+def equip() -> str:
+    """Register the simrig plugins in the variant that is set, whoever set it; return its name."""
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        return select()
+    from simrig.plugins.register import register
+
+    register()
+    return str(mi.variant())
+
+
 def current() -> str:
     """Return the Mitsuba variant that is set; the automatic one is set when there is none."""
     import mitsuba as mi

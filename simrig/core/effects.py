@@ -24,6 +24,7 @@ from simrig.core.shown import Exhibit, Shown
 # metric of a tolerance: the unit in which changes are bounded and add up
 UNITS = {"dE": "dE", "relative": "relative radiance", "psnr": "display rms"}
 DEFAULT_TOLERANCE = "dE=0.5"  # of whatever is planned and not told otherwise
+DISABLED = "disabled by request"
 _PEAK = 255.0  # of displayed values, the scale of a PSNR
 
 
@@ -291,7 +292,7 @@ class Overrides:
     def of(self, effect: str, bound: Bound | None = None) -> tuple[bool, str] | None:
         """Return (on, why) when the user decided about an effect, else None."""
         if effect in self.disable:
-            return False, "disabled by request"
+            return False, DISABLED
         if effect in self.enable:
             return True, "enabled by request"
         if self.everything and not (bound is not None and bound.absent):

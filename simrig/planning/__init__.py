@@ -3,16 +3,20 @@
 See ``docs/effects.md``.
 """
 
+from simrig.planning.budget import plan_budget
 from simrig.planning.effects import EFFECT_NAMES
 from simrig.planning.planned import as_planned, planned_integrator, planned_render
 from simrig.planning.planner import plan_scene
 from simrig.planning.source import scene_source
+from simrig.planning.verification import verified_render
 
 __all__ = [
     "EFFECT_NAMES",
     "as_planned",
+    "plan_budget",
     "plan_scene",
     "planned_integrator",
     "planned_render",
     "scene_source",
+    "verified_render",
 ]

@@ -7,7 +7,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from simrig.planning.probe import on_device
+from simrig.planning import rays
 from simrig.scenes import DirectionalLights, median_cut
 from simrig.scenes.latlong import latlong_directions, solid_angles
 
@@ -23,6 +23,7 @@ class Environment:
 
     Attributes:
         radiance: (height, width, 3) linear RGB >= 0, latitude-longitude as in ``scenes.latlong``.
+        known: whether its pixels say all: it is a map or the same everywhere.
         brightest: (height, width) largest value that was found in any channel.
         turn: the (3, 3) rotation from that frame into the world.
     """
@@ -33,13 +34,15 @@ class Environment:
         left, _, right = np.linalg.svd(matrix[:3, :3, 0])
         self.turn = left @ right  # without a scale and the rounding of float32
         rows, columns = _size(emitter)
+        constant = emitter.class_name() == "ConstantBackgroundEmitter"
+        self.known = not mi.is_spectral and (constant or "data" in mi.traverse(emitter))
         fold = -(-rows // MOST_ROWS)
         height, width = -(-rows // fold), -(-columns // fold)
         directions = latlong_directions(fold * height, fold * width).reshape(-1, 3)
-        si = mi.SurfaceInteraction3f()
-        si.wi = mi.Vector3f(*(on_device(column) for column in -self.turn @ directions.T))
-        seen = np.array(emitter.eval(si), dtype=np.float64)
-        seen = np.broadcast_to(seen.reshape(len(seen), -1), (3, len(directions))).T
+        facing = -directions @ self.turn.T
+        si = rays.interaction(np.zeros_like(directions), facing)
+        seen = rays.rows(rays.three_channels(emitter.eval(si)))
+        seen = np.broadcast_to(seen, directions.shape)
         weights = solid_angles(fold * height, fold * width).reshape(height, fold)
         weights /= fold * weights.sum(axis=1, keepdims=True)
         fine = np.maximum(seen, 0.0).reshape(height, fold, width, fold, 3)

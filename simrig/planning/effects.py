@@ -13,10 +13,10 @@ from simrig.planning.costs import (
     spectral_seconds,
 )
 from simrig.planning.mesostructure import MESOSTRUCTURE, structured_materials
-from simrig.planning.probe import PIXELS
-from simrig.planning.shadow_bounds import RULE_OF_THREE, hidden_bound
+from simrig.planning.sampled import SampledSubject
+from simrig.planning.shadow_bounds import hidden_bound
 from simrig.planning.source import SceneSource
-from simrig.planning.subject import SampledSubject, SceneSubject
+from simrig.planning.subject import SceneSubject
 
 SPECTRAL = "spectral"
 _UNSHADOWED_SAFETY = 2.0
@@ -41,15 +41,16 @@ class Shadowing:
                 why = "one convex body: the cosine says all about its shadow"
             return Bound(0.0, tolerance.unit, why)
         if subject.follows_paths:
-            return None  # which see what is in their way: there is nothing to decide
+            return None  # paths see what is in their way: there is nothing to decide
         if not subject.survey.only_delta_lights:
             return hidden_bound(subject, tolerance)
         seen = _UNSHADOWED_SAFETY * subject.unshadowed_change(tolerance)
-        missed = RULE_OF_THREE * subject.black_change(tolerance)
+        missed = subject.missed_share * subject.black_change(tolerance)
+        count = len(subject.probe.picture)
         return Bound(
             seen + missed,
             tolerance.unit,
-            f"without shadows {PIXELS} pixels change by {seen:.3g} (doubled); unseen ones may too",
+            f"without shadows {count} pixels change by {seen:.3g} (doubled); unseen ones may too",
         )
 
     def cost(self, subject: SceneSubject) -> float:
@@ -72,6 +73,8 @@ class InterReflection:
             return None
         if not subject.survey.bodies:
             return Bound(0.0, tolerance.unit, "there is no surface", absent=True)
+        if subject.doubts(tolerance):
+            return None
         bounds = subject.indirect_changes(tolerance)
         return Bound(bounds.values[0], tolerance.unit, bounds.why)
 
@@ -123,10 +126,10 @@ class EnvironmentLight:
 
 def spectral_bound(source: SceneSource, unit: str) -> Bound | None:
     """Return 0 where there is nothing that RGB could not say, None where that is not known."""
-    if source.spectral == ():
-        return Bound(0.0, unit, "all data are RGB: there is no spectrum to transport", absent=True)
     if not source.reconstructs:
         return Bound(0.0, unit, "a loaded scene stays in its variant", absent=True)
+    if not (source.spectral or source.unknown):
+        return Bound(0.0, unit, "all data are RGB: there is no spectrum to transport", absent=True)
     return None
 
 

@@ -108,7 +108,9 @@ def choose_lights(
     display = subject.display(allowed)
 
     def samples(seen: np.ndarray) -> int:
-        return SamplingNoise(seen, display).samples_needed(noise.amount)[0] * subject.pixels
+        averaging = subject.view.averaging
+        found = SamplingNoise(seen, display, averaging=averaging)
+        return found.samples_needed(noise.amount)[0] * subject.pixels
 
     map_seconds = probed.seconds_per_sample * samples(subject.probe.radiance)
     per_light = probed.seconds_per_light * samples(probed.lights(_TIMED))
@@ -211,8 +213,10 @@ def obstacle(subject: SceneSubject) -> str:
     survey = subject.survey
     if mi.is_spectral or mi.is_polarized:
         return f"directional lights are RGB; the variant is '{mi.variant()}'"
+    if not subject.environment.known:
+        return "where it is bright is not known: it is no map of pixels"
     if len(survey.delta_lights) + 1 < len(survey.emitters):
         return "the lights beside the map have to be sampled, so the map is sampled with them"
-    if survey.unknown == "participating media":
+    if survey.has_media:
         return "participating media need paths"
     return ""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from simrig.core.effects import Decision, Tolerance
+from simrig.planning.doubts import Doubt
 
 
 def expectation(
@@ -15,6 +16,7 @@ def expectation(
     deeper: float,
     noise: float,
     spp: int,
+    doubts: Sequence[Doubt] = (),
 ) -> dict[str, Any]:
     """Return what a plan says of its tolerance being kept.
 
@@ -24,12 +26,14 @@ def expectation(
         deeper: what the orders of reflection beyond the planned depth may change.
         noise: what the planned samples per pixel are expected to change.
         spp: those samples.
+        doubts: what no look could tell.
 
     Returns:
         ``expected_error``, the sum of these and of the bounds of what is left out, in the unit of
         the tolerance; ``kept``, whether that is within the tolerance; both None where what is left
-        out by request has no bound. ``advice`` is one line where the tolerance is not kept, or
-        that is not known: what is expected instead, and what would keep it; empty else.
+        out by request has no bound, or there are doubts. ``advice`` is one line where the
+        tolerance is not kept, or that is not known: what is expected instead, and what would keep
+        it; empty else.
     """
     out = [decision for decision in decisions if not decision.on]
     unbounded = [d.effect for d in out if d.bound is None or math.isinf(d.bound.value)]
@@ -38,6 +42,10 @@ def expectation(
             f"whether {tolerance} is kept is not known: what leaving out {unbounded[0]} changes "
             f"cannot be bounded; --enable {unbounded[0]} would simulate it"
         )
+        return {"expected_error": None, "kept": None, "advice": advice}
+    if doubts:
+        said = "; ".join(f"{doubt.what}; {doubt.cure}" for doubt in doubts)
+        advice = f"whether {tolerance} is kept is not known: {said}"
         return {"expected_error": None, "kept": None, "advice": advice}
     bounds = {d.effect: d.bound.value for d in out if d.bound is not None}
     missing = sum(bounds.values()) + deeper

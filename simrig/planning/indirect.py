@@ -28,13 +28,13 @@ import numpy as np
 
 from simrig.planning.bounces import radiance_by_bounce
 from simrig.planning.change import Display
-from simrig.planning.probe import SEED, chosen_pixels, on_device, rows, to_rgb
+from simrig.planning.rays import rows, to_rgb
+from simrig.planning.view import GROUPS, View
 from simrig.rendering.render import timed
 
 BOUNCES = 8  # of indirect light that are told apart; the last holds all beyond
 PATHS = 1 << 18
 MORE_PATHS = (1 << 19, 1 << 20)  # where the bound is what keeps an effect on
-_NOISE_SAMPLES = 64  # of each pixel, for the choice of samples per pixel
 _CERTAIN = 3.0  # standard errors
 _UNSEEN = 3.0  # events per n samples ("rule of three")
 _RANGE_SAFETY = 2.0
@@ -46,9 +46,9 @@ class PathProbe:
     """Radiance of N pixels by order, from paths.
 
     Attributes:
-        halves: (ORDERS + 1, N, 2, 3) means of two halves of each pixel's paths; entry 0 is direct
+        halves: (BOUNCES + 1, N, 2, 3) means of two halves of each pixel's paths; entry 0 is direct
             light, entry k + 1 what was reflected k + 2 times, the last all beyond.
-        largest: (ORDERS,) largest radiance of one path from indirect order k on.
+        largest: (BOUNCES,) largest radiance of one path from indirect order k on.
         paths: how many in all.
         seconds_per_sample: of the kernel, all orders.
     """
@@ -60,73 +60,65 @@ class PathProbe:
     _bounces: Sequence[Any]
 
     def radiance(self, depth: int) -> np.ndarray:
-        """Return some samples of each pixel as ``path`` of a depth finds them, (N, k, 3).
+        """Return the samples of each pixel as ``path`` of a depth finds them, (N, k, 3).
 
         Args:
             depth: Mitsuba's ``max_depth``, at most ``BOUNCES + 1``, or -1 for all orders.
         """
         count = self.halves.shape[1]
         each = self.paths // count
-        kept = min(_NOISE_SAMPLES, each)
-        index = dr.arange(mi.UInt32, count * kept)
-        index = index // kept * each + index % kept
         reflections = len(self._bounces) if depth < 0 else depth - 1
         total = sum(
-            (dr.gather(mi.Color3f, order, index) for order in self._bounces[:reflections]),
+            self._bounces[:reflections],
             mi.Color3f(0.0),
         )
-        return rows(total).reshape(count, kept, 3)
+        return rows(total).reshape(count, each, 3)
 
 
 def probe_paths(
-    scene: Any, delta_lights: bool, hide_emitters: bool, paths: int = PATHS
+    view: View, delta_lights: bool, hide_emitters: bool, paths: int = PATHS
 ) -> PathProbe:
     """Trace paths of all orders through the pixels that ``probe.probe`` looks at.
 
     Args:
-        scene: a loaded scene without participating media.
+        view: of a loaded scene without participating media.
         delta_lights: it has no lights that a ray can meet.
         hide_emitters: the camera does not see lights.
         paths: about how many, a power of two.
     """
-    chosen, size = chosen_pixels(scene)
-    count = len(chosen)
-    each = max(2, 1 << int(math.log2(paths / count)))
+    count = len(view.chosen)
+    # groups of powers of four: numbers that a stratified sampler draws
+    each = GROUPS << (2 * max(int(math.log2(paths / count / GROUPS)) // 2, 0))
     with timed() as clock:
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(SEED, count * each)
-        pixel = dr.arange(mi.UInt32, count * each) // each
-        corner = mi.Point2f(*(dr.gather(mi.Float, on_device(axis), pixel) for axis in chosen.T))
-        place = (corner + sampler.next_2d()) / mi.ScalarPoint2f(*size)
-        ray, weight = scene.sensors()[0].sample_ray(
-            0.0, sampler.next_1d(), place, sampler.next_2d()
+        sampler, ray, weight = view.rays(each)
+        spectra = radiance_by_bounce(
+            view.scene, sampler, ray, BOUNCES + 1, delta_lights, hide_emitters
         )
-        spectra = radiance_by_bounce(scene, sampler, ray, BOUNCES + 1, delta_lights, hide_emitters)
-        bounces = [to_rgb(spectrum * weight, ray) for spectrum in spectra]
-        dr.eval(bounces)
+        orders = [to_rgb(spectrum * weight, ray) for spectrum in spectra]
+        dr.eval(orders)
         dr.sync_thread()
-    halves = _block_means(bounces, each // 2).reshape(len(bounces), 3, count, 2)
+    halves = _block_means(orders, each // 2).reshape(len(orders), 3, count, 2)
     return PathProbe(
         halves.transpose(0, 2, 3, 1),
-        _largest(bounces[1:]),
+        _largest(orders[1:]),
         count * each,
         clock.kernel_seconds / (count * each),
-        bounces,
+        orders,
     )
 
 
-def _largest(bounces: Sequence[Any]) -> np.ndarray:
+def _largest(orders: Sequence[Any]) -> np.ndarray:
     """Return the largest sum of the orders from each on, in any channel."""
     tails, tail = [], mi.Color3f(0.0)
-    for order in reversed(bounces):
+    for order in reversed(orders):
         tail = tail + order
         tails.append(dr.max(dr.max(tail)))
     dr.eval(tails)
     return np.array([float(tail[0]) for tail in reversed(tails)])
 
 
-def _block_means(bounces: Sequence[Any], block: int) -> np.ndarray:
-    sums = [dr.block_sum(channel, block) for order in bounces for channel in order]
+def _block_means(orders: Sequence[Any], block: int) -> np.ndarray:
+    sums = [dr.block_sum(channel, block) for order in orders for channel in order]
     dr.eval(sums)
     return np.array(sums, dtype=np.float64) / block
 

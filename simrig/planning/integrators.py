@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import mitsuba as mi
-
 from simrig.planning.directional import as_tensor
+from simrig.planning.survey import is_delta
 from simrig.scenes import DirectionalLights
 
 UNLIMITED = -1  # depth
@@ -40,7 +39,7 @@ def direct_integrator(
             "hide_emitters": hides_emitters(scene),
         }
     emitters = scene.emitters()
-    delta = all(mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in emitters)
+    delta = all(is_delta(emitter) for emitter in emitters)
     if delta and (len(emitters) > 1 or not shadows):
         return {"type": "simrig_all_lights", "shadows": shadows}
     if not (delta or shadows):

@@ -21,7 +21,6 @@ from simrig.core.effects import Bound, Decision, Overrides, Tolerance, replaced
 from simrig.planning.change import Display
 from simrig.planning.costs import USUAL_SPP
 from simrig.planning.places import DRAWN, PLACES, measured_change
-from simrig.planning.shadow_bounds import RULE_OF_THREE
 from simrig.planning.subject import SceneSubject
 
 MESOSTRUCTURE = "mesostructure"
@@ -200,12 +199,19 @@ class _StructureProbe:
         What may have been missed is added: at most 3 in as many places as were looked at (95 %),
         which change as much as the one that changes most.
         """
-        missed = RULE_OF_THREE / PLACES * float(self._steps(seen).max())
+        share = self._missed_share
+        missed = share * float(self._steps(seen).max())
         if self.tolerance.metric == "psnr":
-            missed = float(np.sqrt(RULE_OF_THREE / PLACES)) * float(self._steps(seen).max())
+            missed = float(np.sqrt(share)) * float(self._steps(seen).max())
         elif self.tolerance.metric == "relative":
             missed /= float(self._with[0].mean())
         return measured_change(self._display, self._with[0], seen) + missed
+
+    @property
+    def _missed_share(self) -> float:
+        """The share of lit places that may differ and of which none was looked at (95 %)."""
+        lit = int((self._with[0] > 0.0).any(axis=-1).sum())
+        return 3.0 / max(lit, 3)
 
     def _steps(self, seen: np.ndarray) -> np.ndarray:
         """Return by how much each place differs from what it is with structure."""

@@ -1,59 +1,147 @@
-"""What too few samples per pixel change, predicted from the spread within looked-at pixels.
+"""What too few samples per pixel change, predicted from looked-at pixels.
 
-The spread holds edges, highlights and textures narrower than a pixel's footprint, the noise of
-lights that are sampled, and that of paths.
+The spread within a pixel holds edges, highlights and textures narrower than its footprint, the
+noise of lights that are sampled, and that of paths. Three things stand between it and the noise of
+a picture:
+
+- a reconstruction filter wider than a pixel averages over more samples than were drawn in it;
+- stratified samples leave less to chance than independent ones. By how much is measured: the
+  samples of a pixel fall into groups, each stratified as a picture of as many samples is, and the
+  groups differ by less than groups of the same samples picked at random do;
+- few samples do not meet what is rare. The largest deviations follow a power law (Hill's estimate
+  of its exponent), and what it says lies beyond the largest that was found counts as well.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from functools import cache, cached_property
 
 import numpy as np
 
 from simrig.planning.change import Display
+from simrig.planning.tail import Tail, tail_of
 
 # Pictures are rendered in passes, so memory sets no limit. A plan that asks for more says instead
 # that its tolerance is not kept.
 MOST_SAMPLES = 1 << 20
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
-_SAFETY = 1.25
+_SAFETY = 1.1
 _TRIALS = 4
 _SEED = 7
+_LONGEST = 1.5  # power of the measured gain that is counted on
+_LEAST_GAIN = 0.02  # of stratification; below it pairs of groups are too few to tell
 
 
 class SamplingNoise:
     """What samples per pixel leave to chance, from a few samples of some pixels."""
 
-    def __init__(self, radiance: np.ndarray, display: Display) -> None:
-        """Take (n, k, 3) samples of n pixels, and what measures changes."""
+    def __init__(
+        self,
+        radiance: np.ndarray,
+        display: Display,
+        groups: int = 1,
+        averaging: float = 1.0,
+        per_pass: int = MOST_SAMPLES,
+        pixels: int = 0,
+    ) -> None:
+        """Take (n, k, 3) samples of n pixels, and what measures changes.
+
+        Args:
+            radiance: the samples.
+            display: measures changes.
+            groups: into which the samples of a pixel fall, each stratified on its own.
+            averaging: samples that a pixel of the picture averages for each that is drawn in it.
+            per_pass: samples per pixel at most that are stratified together.
+            pixels: of the whole picture; as many as are looked at by default.
+        """
         self.radiance = radiance
         self.display = display
+        self.groups = groups
+        self.averaging = averaging
+        self.per_pass = per_pass
+        self.pixels = pixels or len(radiance)
         self._sum = radiance.sum(axis=1)
 
     def change(self, spp: int) -> float:
         """Return the expected change of a picture of ``spp`` samples against the converged one."""
-        count = self.radiance.shape[1]
-        mean = self._sum / count
-        draw = self._split if 2 * spp <= count else self._shaken
-        trials = (draw(spp, trial) for trial in range(_TRIALS))
-        changes = [
-            self.display.total(self.display.per_pixel(before, after), mean)
-            for before, after in trials
+        seen = self._independent(max(round(spp * self.averaging), 1)) * self._gain_of(spp)
+        rare = self.tail.change(spp, self.pixels, self.display, self._sum / self._count)
+        return math.hypot(_SAFETY * seen, rare)
+
+    @property
+    def _count(self) -> int:
+        return int(self.radiance.shape[1])
+
+    @cached_property
+    def tail(self) -> Tail:
+        """What is rarer than the samples can show."""
+        return tail_of(self.radiance)
+
+    def _independent(self, spp: int) -> float:
+        """Return the mean change of a picture of independent samples, without what is rare."""
+        mean = self._sum / self._count
+        draw = self._split if 2 * spp <= self._count else self._shaken
+        return float(
+            np.mean(
+                [
+                    self.display.total(self.display.per_pixel(*pair), mean)
+                    for pair in (draw(spp, trial) for trial in range(_TRIALS))
+                ]
+            )
+        )
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        """The (n, k) samples of each pixel in an order of their own, by index."""
+        return np.argsort(np.random.default_rng(_SEED).random(self.radiance.shape[:2]), axis=1)
+
+    @cached_property
+    def _mixed(self) -> np.ndarray:
+        """The samples of each pixel in a random order, so that none of their runs is stratified."""
+        return np.take_along_axis(self.radiance, self._order[..., None], axis=1)
+
+    @cached_property
+    def _gain(self) -> float:
+        """The noise of a group over that of as many independent samples."""
+        if self.groups < 2 or self._count // self.groups < 2:
+            return 1.0
+        apart, at_random = (self._between_groups(x) for x in (self.radiance, self._mixed))
+        return min(max(apart / at_random, _LEAST_GAIN), 1.0) if at_random > 0.0 else 1.0
+
+    def _between_groups(self, samples: np.ndarray) -> float:
+        pixels = len(samples)
+        means = samples.reshape(pixels, self.groups, -1, 3).mean(axis=2)
+        mean = means.mean(axis=1)
+        steps = [
+            self.display.total(self.display.per_pixel(means[:, one], means[:, two]), mean)
+            for one in range(self.groups)
+            for two in range(one)
         ]
-        return _SAFETY * float(np.mean(changes))
+        return float(np.mean(steps))
+
+    def _gain_of(self, spp: int) -> float:
+        """Return what stratification leaves of the noise.
+
+        It gains with the samples that are stratified together; beyond those of a group, which is
+        as far as it was measured, half as fast and not for long.
+        """
+        group, together = max(self._count // self.groups, 2), min(spp, self.per_pass)
+        power = math.log(max(together, 1)) / math.log(group)
+        if power > 1.0:
+            power = min(1.0 + 0.5 * (power - 1.0), _LONGEST)
+        return float(self._gain**power)
 
     def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the means of ``spp`` samples of each pixel and of all its others."""
-        count = self.radiance.shape[1]
-        first = trial * spp % (count - spp + 1)
-        few = self.radiance[:, first : first + spp].sum(axis=1)
-        return np.maximum(self._sum - few, 0.0) / (count - spp), few / spp
+        first = trial * spp % (self._count - spp + 1)
+        few = self._mixed[:, first : first + spp].sum(axis=1)
+        return np.maximum(self._sum - few, 0.0) / (self._count - spp), few / spp
 
     def _shaken(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the means and the same with the error that ``spp`` samples would have."""
-        mean = self._sum / self.radiance.shape[1]
+        mean = self._sum / self._count
         return mean, np.maximum(mean + self._errors[trial] / math.sqrt(spp), 0.0)
 
     @cached_property
@@ -68,28 +156,38 @@ class SamplingNoise:
             signs = np.random.default_rng(_SEED + trial).choice([-1.0, 1.0], size=(pixels, count))
             shaken = np.einsum("nk,nkc->nc", signs, self.radiance)
             shaken -= signs.sum(axis=1)[:, None] * self._sum / count
-            errors.append(shaken / math.sqrt(count - 1))
+            errors.append(shaken / math.sqrt(max(count - 1, 1)))
         return errors
 
     def samples_needed(self, allowed: float) -> tuple[int, float]:
         """Return the least spp whose expected change is allowed, and that change.
 
-        The candidates are 1, 2, 3, 4, 6, 8, 12, ...; the last is ``MOST_SAMPLES``, whatever the
-        change is then. The change falls with the root of the samples, or nearly so: the search
-        begins where that of as many as there are tells it to.
+        The candidates are numbers that a stratified sampler draws; the last is ``MOST_SAMPLES``,
+        whatever the change is then. The change falls with the root of the samples, or nearly so:
+        the search begins where that of as many as there are tells it to.
         """
-        candidates = _candidates(MOST_SAMPLES)
         change = cache(self.change)
-        count = self.radiance.shape[1]
-        guess = count * (change(count) / allowed) ** 2 if allowed > 0.0 else math.inf
-        place = min(bisect_left(candidates, guess), len(candidates) - 1)
-        while place < len(candidates) - 1 and change(candidates[place]) > allowed:
+        guess = self._count * (change(self._count) / allowed) ** 2 if allowed > 0.0 else math.inf
+        place = min(bisect_left(CANDIDATES, guess), len(CANDIDATES) - 1)
+        while place < len(CANDIDATES) - 1 and change(CANDIDATES[place]) > allowed:
             place += 1
-        while place > 0 and change(candidates[place - 1]) <= allowed:
+        while place > 0 and change(CANDIDATES[place - 1]) <= allowed:
             place -= 1
-        return candidates[place], change(candidates[place])
+        return CANDIDATES[place], change(CANDIDATES[place])
 
 
 def _candidates(most: int) -> list[int]:
-    powers = range(most.bit_length())
-    return [1, *sorted(k << n for k in (2, 3) for n in powers if k << n <= most)]
+    """Return numbers n = r · c with r = ⌊√n⌋, which ``multijitter`` draws, some 40 % apart."""
+    found, root = [1, 2, 3], 2
+    while root * root <= most:
+        found += [root * root, root * (root + 1)] if root < 8 else [root * root]
+        root = root + 1 if root < 8 else math.ceil(root * 1.19)
+    return [*(n for n in found if n < most), most]
+
+
+CANDIDATES = _candidates(MOST_SAMPLES)
+
+
+def nearest_samples(wanted: float) -> int:
+    """Return the largest candidate that is at most ``wanted``, 1 at least."""
+    return CANDIDATES[max(bisect_right(CANDIDATES, wanted) - 1, 0)]

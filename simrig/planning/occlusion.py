@@ -7,6 +7,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from simrig.planning import rays
 from simrig.planning.survey import Survey
 
 _STEPS = 128  # along the way from a body to a light
@@ -59,8 +60,7 @@ def _in_the_way(centres: np.ndarray, radii: np.ndarray, index: int, light: Any) 
 
 def _towards(light: Any, point: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the unit vector from a point to a delta light and the distance."""
-    si = mi.SurfaceInteraction3f()
-    si.p = mi.Point3f(*point.tolist())
+    si = rays.interaction(point[None])
     sample, _ = light.sample_direction(si, mi.Point2f(0.5))
     direction = np.array(sample.d, dtype=np.float64).reshape(3)
     distance = np.inf if light.class_name() == "DirectionalEmitter" else float(sample.dist[0])

@@ -16,7 +16,8 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.planning.change import Display
-from simrig.planning.probe import SEED, chosen_pixels, on_device, rows, to_rgb
+from simrig.planning.rays import rows, to_rgb
+from simrig.planning.view import SEED, View
 from simrig.rendering.render import timed
 
 PLACES = 4  # in each pixel
@@ -28,12 +29,13 @@ class Places:
     """Camera rays through a few places in each looked-at pixel.
 
     Attributes:
-        scene: a loaded scene.
+        scene: the loaded scene.
     """
 
-    def __init__(self, scene: Any) -> None:
-        self.scene = scene
-        self._ray, self._weight = _camera_rays(scene)
+    def __init__(self, view: View) -> None:
+        self.scene = view.scene
+        _, self._ray, self._weight = view.rays(PLACES, PLACES, SEED + 5)
+        dr.eval(self._ray, self._weight)
 
     def hits(self) -> Any:
         """Return what the rays meet: one surface interaction for each place of each pixel."""
@@ -91,23 +93,6 @@ def measured_change(display: Display, before: np.ndarray, after: np.ndarray) -> 
     if display.tolerance.metric == "psnr":
         return root
     return display.of_mean(min(root, _upper(lengths)), before.mean(axis=1))
-
-
-def _camera_rays(scene: Any) -> tuple[Any, Any]:
-    chosen, size = chosen_pixels(scene)
-    count = len(chosen) * PLACES
-    rng = np.random.default_rng(SEED + 5)
-    place = (np.repeat(chosen, PLACES, axis=0) + rng.random((count, 2))) / size
-    aperture = rng.random((count, 2))
-    ray, weight = scene.sensors()[0].sample_ray_differential(
-        0.0,
-        on_device(rng.random(count)),
-        mi.Point2f(*(on_device(column) for column in place.T)),
-        mi.Point2f(*(on_device(column) for column in aperture.T)),
-    )
-    weight = mi.Spectrum(weight) + dr.zeros(mi.Spectrum, count)
-    dr.eval(ray, weight)
-    return ray, weight
 
 
 def _upper(values: np.ndarray) -> float:

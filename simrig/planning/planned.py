@@ -6,9 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import mitsuba as mi
+
 from simrig.core.effects import Plan
 from simrig.planning.directional import Environment
 from simrig.planning.integrators import direct_integrator, path_integrator
+from simrig.planning.light_tracing import light_tracer
 from simrig.planning.mesostructure import structure_within
 from simrig.planning.source import scene_source_in
 from simrig.rendering import render as rendering
@@ -27,10 +30,40 @@ def planned_render(
         plan: from ``plan_scene``.
         seed, progress: see ``rendering.render``.
     """
-    source = scene_source_in(scene, plan.settings["variant"])
-    loaded = rendering.load(source.build())
-    with as_planned(loaded, plan) as integrator:
-        return rendering.render(loaded, plan.settings["spp"], seed, integrator, progress)
+    before = mi.variant()
+    try:
+        source = scene_source_in(scene, plan.settings["variant"])
+        return render_loaded(rendering.load(source.build()), plan, seed, progress)
+    finally:
+        if before is not None and mi.variant() != before:
+            mi.set_variant(before)
+
+
+def render_loaded(
+    scene: Any,
+    plan: Plan,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    spp: int | None = None,
+) -> rendering.RenderResult:
+    """Render a loaded scene with what its plan switched on.
+
+    Args:
+        scene: loaded in the variant of the plan, which is set.
+        plan: from ``plan_scene``.
+        seed, progress: see ``rendering.render``.
+        spp: samples per pixel; those of the plan by default.
+    """
+    with as_planned(scene, plan) as integrator:
+        return rendering.render(
+            scene,
+            plan.settings["spp"] if spp is None else spp,
+            seed,
+            integrator,
+            progress,
+            sensor=plan.settings.get("sensor", 0),
+            sampler=plan.settings.get("sampler", ""),
+        )
 
 
 @contextmanager
@@ -56,6 +89,8 @@ def planned_integrator(scene: Any, plan: Plan) -> dict[str, Any]:
         plan: from ``plan_scene``.
     """
     kind, depth = plan.settings["integrator"], plan.settings["depth"]
+    if kind == light_tracer()["type"]:
+        return light_tracer()
     if kind in ("path", "volpath"):
         return path_integrator(scene, depth, kind == "volpath")
     return direct_light(

@@ -8,14 +8,17 @@ beyond the path depth use what remains of it), the other half for the noise of s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 
 from simrig.core import backend
 from simrig.core.effects import (
+    Bound,
     Decision,
     Overrides,
     Plan,
@@ -23,14 +26,18 @@ from simrig.core.effects import (
     decide,
     left_out,
     parse_tolerance,
+    replaced,
 )
 from simrig.core.errors import SimrigError
-from simrig.planning.costs import USUAL_SPP, render_seconds, shadow_seconds
+from simrig.planning.costs import USUAL_SPP, shadow_seconds
+from simrig.planning.doubts import Doubt, light_tracing_sees_all
 from simrig.planning.effects import ANTI_ALIASING, SCENE_EFFECTS, SPECTRAL, spectral_bound
 from simrig.planning.environment import ENVIRONMENT, decide_environment, without_map
 from simrig.planning.expectation import expectation
 from simrig.planning.integrators import DIRECT_DEPTH, UNLIMITED, path_integrator
+from simrig.planning.light_tracing import light_tracer
 from simrig.planning.mesostructure import MESOSTRUCTURE, decide_mesostructure, structure_within
+from simrig.planning.noise import nearest_samples
 from simrig.planning.overrides import (
     check_possible,
     checked_overrides,
@@ -40,11 +47,20 @@ from simrig.planning.overrides import (
 )
 from simrig.planning.planned import direct_light
 from simrig.planning.probe import PATH_SAMPLES, SAMPLES, probe
+from simrig.planning.sampled import SampledSubject
 from simrig.planning.source import SceneSource, scene_source_in
-from simrig.planning.subject import SampledSubject, SceneSubject
+from simrig.planning.subject import SceneSubject
+from simrig.planning.view import SAMPLER
+from simrig.plugins.make import CannotBuildError
 from simrig.rendering import render as rendering
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
+MOST_SECONDS = 300.0  # that a picture takes when nothing is said of its time
+OVER_TIME = (0.25, 1.0, 4.0)  # of the samples, for the table of error over seconds
+_RARE = Doubt(
+    "few samples carry most of the light, and more that were not met may carry as much",
+    "a larger light, a rougher surface or the integrator 'ptracer' would help",
+)
 
 
 def plan_scene(
@@ -55,6 +71,7 @@ def plan_scene(
     everything: bool = False,
     variant: str = "auto",
     exposure: float | Callable[[np.ndarray], float] | None = None,
+    sensor: int = 0,
 ) -> Plan:
     """Return which effects a picture of a scene calls for, and the settings that follow.
 
@@ -67,7 +84,8 @@ def plan_scene(
         variant: in which the picture will be rendered; spectral ones replace it where the scene
             calls for them.
         exposure: of the display on which the tolerance is meant, or a function that tells it from
-            a picture; by default ``rendering.display_exposure``.
+            a picture; by default ``display_exposure`` of a pilot picture with all orders.
+        sensor: which of the scene's sensors looks.
 
     Returns:
         The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
@@ -81,35 +99,105 @@ def plan_scene(
     """
     tolerance = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
     overrides = checked_overrides(enable, disable, everything)
-    source = scene_source_in(scene, variant)
-    first_variant = backend.current()
-    if first_variant.startswith("scalar"):
-        raise SimrigError(
-            f"'{first_variant}' traces one ray at a time, too slow for a look at a scene: plan in "
-            "an llvm or cuda variant, or render with --spp and --integrator"
-        )
-    try:
-        _select_variant(source, overrides)
-        with rendering.timed() as clock:
-            plan = _plan(SceneSubject(source, exposure), tolerance, overrides)
-    except RuntimeError as error:
-        if "not implemented" not in str(error):
-            raise
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise SimrigError(
-            f"the scene cannot be rendered in the variant '{backend.current()}': {reason}"
-        ) from error
-    finally:
-        backend.select(first_variant)
-    times = {"planning_s": clock.run_seconds, "planning_compile_s": clock.compile_seconds}
+    loading = planned_subject(scene, overrides, variant, exposure, sensor)
+    with loading as subject, rendering.timed() as clock:
+        plan = plan_subject(subject, tolerance, overrides)
+    times = {
+        "planning_s": subject.seconds + clock.run_seconds,
+        "planning_compile_s": subject.compile_seconds + clock.compile_seconds,
+    }
     return replace(plan, about={**plan.about, **times})
 
 
-def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> Plan:
+@contextmanager
+def planned_subject(
+    scene: Any,
+    overrides: Overrides,
+    variant: str = "auto",
+    exposure: float | Callable[[np.ndarray], float] | None = None,
+    sensor: int = 0,
+) -> Iterator[SceneSubject]:
+    """Load a scene in the variant that it calls for, which is set while the context lasts.
+
+    Args:
+        scene, variant, exposure, sensor: see ``plan_scene``.
+        overrides: what the user decided.
+
+    Raises:
+        SimrigError: a scene that cannot be built, or a variant in which nothing can be planned.
+    """
+    before = mi.variant()
+    try:
+        source = scene_source_in(scene, variant, sensor)
+        first = backend.current()
+        if first.startswith("scalar"):
+            raise SimrigError(
+                f"'{first}' traces one ray at a time, too slow for a look at a scene: plan in an "
+                "llvm or cuda variant, or render with --spp and --integrator"
+            )
+        if "polarized" in first:
+            raise SimrigError(
+                f"'{first}' is not planned: plan in a variant without polarisation, or render "
+                "with --spp and --integrator"
+            )
+        yield _in_a_variant(source, overrides, exposure)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].strip()
+        raise SimrigError(
+            f"the scene cannot be rendered in the variant '{mi.variant()}': {reason}"
+        ) from error
+    finally:
+        if before is not None and mi.variant() != before:
+            mi.set_variant(before)
+
+
+def _in_a_variant(
+    source: SceneSource,
+    overrides: Overrides,
+    exposure: float | Callable[[np.ndarray], float] | None,
+) -> SceneSubject:
+    """Return the scene in the variant that it calls for, in the other one where that fails.
+
+    Data that are there in one of them only say so when they are looked at.
+    """
+    wanted = _wanted_variant(source, overrides)
+    tried = [wanted]
+    if source.reconstructs and overrides.of(SPECTRAL) is None and _other(wanted) != wanted:
+        tried.append(_other(wanted))
+    refusal: Exception | None = None
+    for variant in tried:
+        backend.select(variant) if variant in backend.VARIANTS else backend.equip()
+        with rendering.timed() as clock:
+            try:
+                subject = SceneSubject(source, exposure)
+                subject.try_out()
+            except (CannotBuildError, RuntimeError) as error:
+                refusal = refusal or error
+                continue
+        subject.seconds, subject.compile_seconds = clock.run_seconds, clock.compile_seconds
+        subject.refused = str(refusal).splitlines()[-1] if refusal else ""
+        return subject
+    assert refusal is not None
+    raise refusal
+
+
+def plan_subject(
+    subject: SceneSubject, tolerance: Tolerance, overrides: Overrides, seconds: float | None = None
+) -> Plan:
+    """Return the plan of a scene that is loaded, in the variant in which it is planned.
+
+    Args:
+        subject: the scene.
+        tolerance: how far the picture may be from the converged one with every effect.
+        overrides: what the user decided.
+        seconds: that the picture is to take, whatever noise they leave; as few as the tolerance
+            allows by default, and ``MOST_SECONDS`` at most.
+    """
     check_possible(subject, overrides)
     subject.follows_paths = must_follow_paths(subject, overrides)
     allowed, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
     decisions = decide(SCENE_EFFECTS, subject, allowed, concerning(overrides, SCENE_EFFECTS))
+    decisions = _as_the_variant_allows(subject, decisions)
     decisions = with_paths(without_map(subject, decisions, overrides), overrides)
     depth, deeper = _depth(subject, allowed, decisions, overrides)
     decisions, lights = decide_environment(subject, decisions, allowed, noise, overrides)
@@ -118,39 +206,100 @@ def _plan(subject: SceneSubject, tolerance: Tolerance, overrides: Overrides) -> 
     decisions, within, averaged = decide_mesostructure(
         subject, decisions, integrator, allowed, max(allowed.amount - used, 0.0), overrides
     )
-    with structure_within(subject.scene, within):
-        sampled = _sampled(subject, integrator, bool(within))
+    doubts = _standing_doubts(subject, decisions, allowed, overrides)
+    if integrator["type"] == "path" and light_tracing_sees_all(subject, allowed):
+        integrator, doubts = light_tracer(), ()
+        subject.show_particles()
+        sampled = _particles(subject)
+    else:
+        with structure_within(subject.scene, within):
+            sampled = _sampled(subject, integrator, bool(within))
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
-    spp, smoothing, random = _samples(sampled, smoothing, noise)
+    spp, smoothing, random = _samples(sampled, smoothing, noise, seconds)
+    if sampled.hopeless(noise):
+        doubts = (*doubts, _RARE)
     settings = {
         "integrator": integrator["type"],
         "depth": depth,
         "spp": spp,
         "variant": backend.current(),
     }
+    if integrator["type"] != light_tracer()["type"]:
+        settings["sampler"] = SAMPLER
+    if subject.source.sensor:
+        settings["sensor"] = subject.source.sensor
     if lights is not None:
         settings["lights"] = lights
     if within:
         settings["structure_within_mm"] = within
+    missing = deeper + averaged
+    expected = expectation(tolerance, decisions, missing, random, spp, doubts)
     about = {
         "exposure": subject.exposure,
         "scene": subject.survey.describe(),
-        "render_s": render_seconds(subject, sampled.seconds_per_sample, spp),
-        **expectation(tolerance, decisions, deeper + averaged, random, spp),
+        "render_s": sampled.render_seconds(spp),
+        "noise": random,
+        "doubts": [doubt.what for doubt in doubts],
+        "over_time": _over_time(sampled, noise, left_out(decisions) + missing, spp),
+        **expected,
     }
     costed = tuple(_costed(_explained(subject, decision), spp) for decision in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
 
 
+def _standing_doubts(
+    subject: SceneSubject,
+    decisions: tuple[Decision, ...],
+    allowed: Tolerance,
+    overrides: Overrides,
+) -> tuple[Doubt, ...]:
+    """Return the doubts about a scene; none where every bound of it is a certain zero."""
+    sure = all(d.bound is not None and d.bound.value == 0.0 for d in decisions[:2])
+    certain = sure and subject.survey.one_convex_body
+    return () if certain else subject.doubts(allowed)
+
+
+def _particles(subject: SceneSubject) -> SampledSubject:
+    """Return the looked-at pixels as particles from the lamps light them."""
+    traced = subject.light_traced
+    assert traced is not None
+    chosen = subject.view.chosen
+    radiance = traced.parts[:, chosen[:, 1], chosen[:, 0]].swapaxes(0, 1)
+    return SampledSubject(subject, radiance, traced.seconds_per_sample, max(traced.spp, 2))
+
+
+def _over_time(
+    sampled: SampledSubject, noise: Tolerance, left: float, spp: int
+) -> list[dict[str, float]]:
+    """Return seconds and the error to expect of fewer and of more samples per pixel."""
+    rows = []
+    for factor in OVER_TIME:
+        count = nearest_samples(spp * factor)
+        error = left + sampled.change(noise, count)
+        rows.append({"spp": count, "seconds": sampled.render_seconds(count), "error": error})
+    return rows
+
+
+def _as_the_variant_allows(
+    subject: SceneSubject, decisions: tuple[Decision, ...]
+) -> tuple[Decision, ...]:
+    """Return the decisions with what was found of spectra when the variant refused the scene."""
+    on = any(d.effect == SPECTRAL and d.on for d in decisions)
+    if not subject.refused or on == bool(mi.is_spectral):
+        return decisions
+    kind = "spectral variant" if on else "RGB variant"
+    why = f"the {kind} refuses the scene: {subject.refused}"
+    bound = None if on else Bound(0.0, "", why)
+    return replaced(decisions, SPECTRAL, on=not on, why=why, bound=bound)
+
+
 def _explained(subject: SceneSubject, decision: Decision) -> Decision:
     """Return a decision that says what keeps it from being bounded."""
-    spectral = subject.source.spectral
-    reasons = {
-        "inter-reflection": subject.survey.unknown,
-        "spectral": "what its files hold is not known"
-        if spectral is None
-        else f"what RGB would make of '{', '.join(spectral)}' is not known",
-    }
+    source = subject.source
+    spectra = f"what RGB would make of '{', '.join(source.spectral)}' is not known"
+    if not source.spectral:
+        spectra = f"what '{', '.join(source.unknown)}' holds is not known"
+    reasons = {"inter-reflection": subject.survey.unknown, "spectral": spectra}
     reason = reasons.get(decision.effect)
     if decision.bound is not None or not (decision.on and reason):
         return decision
@@ -182,15 +331,15 @@ def _depth(
     if indirect.bound.value == 0.0:
         return DIRECT_DEPTH + 1, 0.0
     bounds = subject.indirect_changes(allowed)
-    bounces = bounds.bounces_needed(max(allowed.amount - left_out(decisions), 0.0))
-    if bounces is None:
+    orders = bounds.bounces_needed(max(allowed.amount - left_out(decisions), 0.0))
+    if orders is None:
         return UNLIMITED, 0.0
-    bounces = max(bounces, 1)
-    return DIRECT_DEPTH + bounces, bounds.values[bounces]
+    orders = max(orders, 1)
+    return DIRECT_DEPTH + orders, bounds.values[orders]
 
 
-def _select_variant(source: SceneSource, overrides: Overrides) -> None:
-    """Select the spectral variant or that of RGB, as the decision about spectra will be.
+def _wanted_variant(source: SceneSource, overrides: Overrides) -> str:
+    """Return the spectral variant or that of RGB, as the decision about spectra will be.
 
     It needs no look at the scene, and some spectra cannot be looked at in RGB.
     """
@@ -198,8 +347,15 @@ def _select_variant(source: SceneSource, overrides: Overrides) -> None:
     asked = overrides.of(SPECTRAL, spectral_bound(source, ""))
     spectral = asked[0] if asked else spectral_bound(source, "") is None
     if source.reconstructs and spectral != ("spectral" in variant):
-        first, second = ("rgb", "spectral") if spectral else ("spectral", "rgb")
-        backend.select(variant.replace(first, second))
+        return _other(variant)
+    return variant
+
+
+def _other(variant: str) -> str:
+    """Return the RGB variant of a spectral one, and the other way round."""
+    if "spectral" in variant:
+        return variant.replace("spectral", "rgb")
+    return variant.replace("rgb", "spectral")
 
 
 def _integrator(
@@ -207,8 +363,7 @@ def _integrator(
 ) -> dict[str, Any]:
     on = {decision.effect: decision.on for decision in decisions}
     if on["inter-reflection"]:
-        media = subject.survey.unknown == "participating media"
-        return path_integrator(subject.scene, depth, media)
+        return path_integrator(subject.scene, depth, subject.survey.has_media)
     return direct_light(subject.scene, on["shadowing"], on["bsdf-sampling"], lights)
 
 
@@ -228,24 +383,29 @@ def _sampled(
     known = subject.survey.only_delta_lights and kind != "volpath"  # but for the test of shadows
     if averaged or not (known or integrator == subject.direct):
         samples = SAMPLES if kind == "simrig_all_lights" else PATH_SAMPLES
-        seen = probe(subject.scene, integrator, samples)
+        seen = probe(subject.view, integrator, samples)
         seconds = seen.seconds_per_sample
     elif known:
-        tested, probed = (one.get("shadows", True) for one in (integrator, subject.direct))
-        seconds += (tested - probed) * shadow_seconds(subject)
+        tested, looked = (one.get("shadows", True) for one in (integrator, subject.direct))
+        seconds += (tested - looked) * shadow_seconds(subject)
     return SampledSubject(subject, seen.radiance, seconds)
 
 
 def _samples(
-    sampled: SampledSubject, decision: Decision, allowed: Tolerance
+    sampled: SampledSubject, decision: Decision, allowed: Tolerance, seconds: float | None
 ) -> tuple[int, Decision, float]:
     """Return the samples per pixel, the decision about them with its settings, and their noise."""
     if decision.bound is None or decision.bound.absent:
         return 1, decision, 0.0
-    if not decision.on:
+    if not decision.on and seconds is None:
         return 1, decision, decision.bound.value
     spp, change = sampled.needed(allowed, allowed.amount)
     reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
+    most = sampled.samples_within(MOST_SECONDS if seconds is None else seconds)
+    if most < spp or seconds is not None:
+        reached = "" if seconds is not None else f", above its share: more take {MOST_SECONDS:g} s"
+        spp, change = most, sampled.change(allowed, most)
     why = f"{decision.why}; {spp} samples per pixel leave {change:.3g}{reached}"
     cost = decision.cost_s * (spp - 1) / (USUAL_SPP - 1)
-    return spp, replace(decision, why=why, cost_s=cost if math.isfinite(cost) else 0.0), change
+    cost = cost if math.isfinite(cost) else 0.0
+    return spp, replace(decision, on=spp > 1, why=why, cost_s=cost), change

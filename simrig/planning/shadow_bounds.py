@@ -23,15 +23,14 @@ from scipy.spatial import KDTree
 
 from simrig.core.effects import Bound, Tolerance
 from simrig.planning.directional import Environment
+from simrig.planning.maxima import brightest_of
 from simrig.planning.occlusion import can_hide_points
 from simrig.planning.places import measured_change
-from simrig.planning.probe import PIXELS, CameraProbe
+from simrig.planning.probe import CameraProbe
 from simrig.planning.survey import Body
-from simrig.planning.transport import brightest_of, transport
+from simrig.planning.transport import product, transport
 from simrig.scenes.latlong import latlong_directions, solid_angles
 
-# The chance that a shadow on more than 3/n of the picture is missed by n pixels is below 5 %.
-RULE_OF_THREE = 3.0 / PIXELS
 _NEIGHBOURS = 4
 _MOST_TESTS = 100_000_000  # points × bodies × pixels of the map
 _BETWEEN = 4.0  # a pixel's radiance over the least that bilinear interpolation shows next to it
@@ -62,9 +61,9 @@ class Points:
 def hidden_bound(subject: Any, tolerance: Tolerance) -> Bound | None:
     """Return the most that leaving shadows out changes under area and environment lights.
 
-    The cones are asked first. Where they leave more than is allowed, as they do for narrow lobes,
-    the looked-at pixels are compared with and without shadows, random numbers in common; what 3
-    of them in 1024 may have missed is added as black.
+    The cones are asked first: they are proved, where they are finite. Where they leave more than
+    is allowed, the looked-at pixels are compared with and without shadows, random numbers in
+    common; what they may have missed is added as black. That is a statement of confidence.
 
     Args:
         subject: a ``SceneSubject``.
@@ -83,26 +82,29 @@ def hidden_bound(subject: Any, tolerance: Tolerance) -> Bound | None:
     if cones > tolerance.amount:
         lit, open_air = (subject.direct_at_places(shadows)[0] for shadows in (True, False))
         seen = measured_change(display, lit, open_air)
-        measured = seen + RULE_OF_THREE * subject.black_change(tolerance)
-        if measured < cones:
-            why = f"without shadows {PIXELS} pixels change by {seen:.3g}; unseen ones may too"
-            return Bound(measured, tolerance.unit, why)
+        measured = seen + subject.missed_share * subject.black_change(tolerance)
+        count = len(picture)
+        why = f"without shadows {count} pixels change by {seen:.3g} (95 %); unseen ones may too"
+        return Bound(measured, tolerance.unit, why)
     return Bound(cones, tolerance.unit, why)
 
 
 def hidden_light(subject: Any) -> np.ndarray:
     """Return the radiance (n, 3) that the looked-at pixels gain without shadows, at most."""
     survey, probe = subject.survey, subject.probe
-    passed_on = transport(survey, subject.surfaces, subject.direct)
+    passed_on = transport(survey)
     points = _points(probe, survey.bodies)
     albedo, peak = passed_on.albedo[points.body], passed_on.peak[points.body]
     gained = np.zeros((len(probe.body), 3))
+    if survey.environment is not None and not subject.environment.known:
+        return np.full_like(gained, np.inf)
     if survey.environment is not None:
         sky = _Sky(subject.environment, len(points.body) * len(survey.bodies))
         _add(gained, points, _hidden_sky(points, survey.bodies, sky, albedo, peak))
     for shape, body in zip(survey.scene.shapes(), survey.bodies, strict=True):
         if body.luminous:
-            brightest = brightest_of(shape.emitter())
+            found = brightest_of(shape.emitter())
+            brightest = found.value if found.proved else np.full(3, np.inf)
             _add(gained, points, _hidden_lamp(points, survey.bodies, body, albedo, peak, brightest))
     return gained
 
@@ -210,8 +212,11 @@ def _hidden_sky(
         inside = cone.towards[seen].astype(np.float32) @ sky.towards.T >= least
         brightest = np.where(inside.any(axis=1), sky.brightest[inside.argmax(axis=1)], 0.0)
         energy = inside.astype(np.float32) @ sky.energy
-        total[seen] += _at_most(albedo[seen] * brightest[:, None], peak[seen], energy)
-    return np.minimum(total, _at_most(albedo * sky.brightest[0], peak, sky.energy.sum(axis=0)))
+        reflected = product(albedo[seen], np.broadcast_to(brightest[:, None], energy.shape))
+        total[seen] += _at_most(reflected, peak[seen], energy)
+    whole = np.broadcast_to(sky.energy.sum(axis=0), albedo.shape)
+    most = np.full_like(albedo, sky.brightest[0])
+    return np.minimum(total, _at_most(product(albedo, most), peak, whole))
 
 
 def _hidden_lamp(
@@ -225,6 +230,7 @@ def _hidden_lamp(
     """Return the radiance (m, 3) that the bodies can hide of a lamp with a surface."""
     light = _cone(points, bodies.index(lamp), lamp)
     total = np.zeros_like(albedo)
+    reflected = product(albedo, np.broadcast_to(brightest, albedo.shape))
     for index, body in enumerate(bodies):
         if body is lamp and lamp.convex:
             continue  # what of it faces away sends nothing
@@ -235,13 +241,11 @@ def _hidden_lamp(
         hides = (cone.half >= 0.0) & (light.half >= 0.0)
         hides &= own | ((apart <= cone.half + light.half) & (cone.near <= light.far))
         angle = np.minimum(cone.solid_angle, light.solid_angle)[:, None] * hides[:, None]
-        total += np.where(hides[:, None], _at_most(albedo * brightest, peak, angle * brightest), 0)
-    whole = light.solid_angle[:, None] * brightest
-    return np.minimum(total, _at_most(albedo * brightest, peak, whole))
+        total += np.where(hides[:, None], _at_most(reflected, peak, product(angle, brightest)), 0)
+    whole = product(light.solid_angle[:, None], brightest)
+    return np.minimum(total, _at_most(reflected, peak, whole))
 
 
 def _at_most(reflected: np.ndarray, peak: np.ndarray, energy: np.ndarray) -> np.ndarray:
-    """Return min(reflected, peak · energy), where a peak may be infinite and an energy zero."""
-    with np.errstate(invalid="ignore"):
-        product = np.where(energy > 0.0, peak * energy, 0.0)
-    return np.minimum(reflected, product)
+    """Return min(reflected, peak · energy), where each may be infinite and an energy zero."""
+    return np.minimum(reflected, product(peak, energy))

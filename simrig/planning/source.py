@@ -8,30 +8,19 @@ longer knows, is read here: spectra, and a camera that looks through pixel centr
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import mitsuba as mi
+
 from simrig.core import backend
 from simrig.core.errors import SimrigError
-from simrig.plugins.make import building
+from simrig.planning.spectral_content import spectral_content
+from simrig.rendering.scene_file import Description, SceneFile, load_described, parsed
 
-# what carries a spectrum that RGB cannot say; a plain number or rgb is none
-_SPECTRAL_TYPES = {
-    "spectrum",
-    "blackbody",
-    "regular",
-    "irregular",
-    "measured",
-    "measured_polarized",
-    "sunsky",
-    "timed_sunsky",
-    "hair",
-    "specfilm",
-}
-_METALS = {"conductor", "roughconductor"}  # by name ("Au") their eta and k are tabulated spectra
+_NO_DESCRIPTION = "a loaded scene"
 
 
 @dataclass(frozen=True)
@@ -39,132 +28,101 @@ class SceneSource:
     """A scene that can be loaded in the current variant.
 
     Attributes:
-        build: returns a dictionary or loaded scene for the current variant.
+        build: returns a loaded scene for the current variant.
         reconstructs: whether ``build`` works in another variant than the one it was made in.
-        spectral: what in the description is spectral; empty when all of it is RGB, None when
-            that is not known.
+        spectral: what in the description is spectral.
+        unknown: of what it is not known whether it is; both are empty where all of it is RGB.
         pixel_centres: whether the camera looks through pixel centres only, so that more samples
             per pixel change nothing.
+        sensor: which of the scene's sensors looks.
     """
 
     build: Callable[[], Any]
     reconstructs: bool
-    spectral: tuple[str, ...] | None
-    pixel_centres: bool
+    spectral: tuple[str, ...]
+    unknown: tuple[str, ...]
+    pixel_centres: bool = False
+    sensor: int = 0
 
 
-def scene_source_in(scene: Any, variant: str) -> SceneSource:
+def scene_source_in(scene: Any, variant: str, sensor: int = 0) -> SceneSource:
     """Select a variant and return where the scene comes from.
 
-    A scene made of Mitsuba objects stays in the variant that is set.
+    A loaded scene stays in the variant in which it was loaded, whichever is set.
     """
-    import mitsuba as mi
+    if hasattr(scene, "sensors"):
+        if mi.variant() != scene.variant_name():
+            mi.set_variant(scene.variant_name())
+        backend.equip()
+    elif mi.variant() is None or variant != "auto":
+        backend.select(variant)
+    else:
+        backend.equip()
+    return scene_source(scene, sensor)
 
-    if mi.variant() is None or not hasattr(scene, "sensors"):
-        current = mi.variant()
-        if current is None or variant != "auto":
-            backend.select(variant)
-    return scene_source(scene)
 
-
-def scene_source(scene: Any) -> SceneSource:
+def scene_source(scene: Any, sensor: int = 0) -> SceneSource:
     """Return where a scene comes from.
 
     Args:
-        scene: a Mitsuba dictionary, a loaded scene, the path of an XML file, or a function
-            without arguments that returns one of the first two for the current variant.
+        scene: a Mitsuba dictionary, a loaded scene, the path of an XML file or a ``SceneFile``,
+            or a function without arguments that returns one of the first two for the current
+            variant.
+        sensor: which of the scene's sensors looks.
 
     Raises:
         SimrigError: a file that is missing or is no Mitsuba scene, or none of these.
     """
+    return replace(_source(scene), sensor=sensor)
+
+
+def _source(scene: Any) -> SceneSource:
     if isinstance(scene, str | os.PathLike):
-        return _from_file(Path(scene))
+        return _described(SceneFile(Path(scene)))
+    if isinstance(scene, SceneFile):
+        return _described(scene)
     if isinstance(scene, Mapping):
-        return _from_dictionary(
-            lambda: dict(scene), dict(scene), reconstructs=not _has_objects(scene)
-        )
+        return _described(scene, reconstructs=not _has_objects(scene))
+    if hasattr(scene, "sensors"):
+        return SceneSource(lambda: scene, False, (), (_NO_DESCRIPTION,))
     if callable(scene):
         made = scene()
-        return _from_dictionary(_made_once(scene, made), made, reconstructs=True)
-    if hasattr(scene, "sensors"):
-        return SceneSource(lambda: scene, False, None, False)
+        if hasattr(made, "sensors"):
+            return SceneSource(_made_once(scene, made), True, (), (_NO_DESCRIPTION,))
+        described = _described(made)
+        return replace(described, build=_loaded(_made_once(scene, made)), reconstructs=True)
     kind = type(scene).__name__
     raise SimrigError(f"a scene is a Mitsuba dictionary, a scene or an XML file, got {kind}")
 
 
 def _made_once(scene: Callable[[], Any], made: Any) -> Callable[[], Any]:
     """Return a function that builds a scene, except in the variant in which it is made already."""
-    import mitsuba as mi
-
     variant = mi.variant()
     return lambda: made if mi.variant() == variant else scene()
 
 
-def _from_dictionary(build: Callable[[], Any], made: Any, reconstructs: bool) -> SceneSource:
-    if not isinstance(made, Mapping):
-        return SceneSource(build, reconstructs, None, False)
-    sampler = made.get("sensor", {}).get("sampler", {}) if _is_mapping(made.get("sensor")) else {}
-    centres = sampler.get("jitter") is False and sampler.get("sample_count") == 1
-    return SceneSource(build, reconstructs, tuple(sorted(set(_spectral_entries(made)))), centres)
+def _loaded(make: Callable[[], Any]) -> Callable[[], Any]:
+    return lambda: load_described(make())
 
 
-def _from_file(path: Path) -> SceneSource:
-    if not path.is_file():
-        raise SimrigError(f"there is no scene file '{path}'")
-    try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        raise SimrigError(f"'{path}' is no XML file: {error}") from None
-    if root.tag != "scene":
-        raise SimrigError(f"'{path}' is no Mitsuba scene: its root is <{root.tag}>, not <scene>")
-
-    def build() -> Any:
-        import mitsuba as mi
-
-        with building(f"the scene '{path}'"):
-            return mi.load_file(str(path))
-
-    includes = root.iter("include")
-    spectral = None if any(True for _ in includes) else tuple(sorted(set(_spectral_tags(root))))
-    return SceneSource(build, True, spectral, False)
+def _described(scene: Description, reconstructs: bool = True) -> SceneSource:
+    with parsed(scene) as state:
+        nodes = list(state.nodes)
+        spectral, unknown = spectral_content(nodes)
+    return SceneSource(
+        lambda: load_described(scene),
+        reconstructs,
+        spectral,
+        unknown,
+        _looks_through_centres(nodes),
+    )
 
 
-def _spectral_tags(root: ElementTree.Element) -> Iterator[str]:
-    for element in root.iter():
-        value = element.get("value", element.get("filename", ""))
-        if element.tag == "spectrum" and _is_spectrum(value or ""):
-            yield "spectrum"
-        if element.get("type") in _SPECTRAL_TYPES:
-            yield str(element.get("type"))
-        if element.get("type") in _METALS and any(
-            child.tag == "string"
-            and child.get("name") == "material"
-            and child.get("value") != "none"
-            for child in element
-        ):
-            yield str(element.get("type"))
-
-
-def _is_spectrum(text: str) -> bool:
-    """Return whether the value of a <spectrum> varies with wavelength."""
-    try:
-        float(text)
-    except ValueError:
-        return True
-    return False
-
-
-def _spectral_entries(entry: Mapping[str, Any]) -> Iterator[str]:
-    kind = entry.get("type")
-    if kind in _SPECTRAL_TYPES and not (
-        kind == "spectrum" and isinstance(entry.get("value"), float)
-    ):
-        yield str(kind)
-    if kind in _METALS and entry.get("material", "none") != "none":
-        yield str(kind)
-    for value in entry.values():
-        if _is_mapping(value):
-            yield from _spectral_entries(value)
+def _looks_through_centres(nodes: Iterable[Any]) -> bool:
+    samplers = [node.props for node in nodes if node.type == mi.ObjectType.Sampler]
+    return bool(samplers) and all(
+        one.get("jitter", True) is False and one.get("sample_count", 4) == 1 for one in samplers
+    )
 
 
 def _has_objects(entry: Mapping[str, Any]) -> bool:
@@ -174,11 +132,7 @@ def _has_objects(entry: Mapping[str, Any]) -> bool:
     """
     return any(
         _has_objects(value)
-        if _is_mapping(value)
+        if isinstance(value, Mapping)
         else hasattr(value, "variant_name") and type(value).__name__ != "Bitmap"
         for value in entry.values()
     )
-
-
-def _is_mapping(value: Any) -> bool:
-    return isinstance(value, Mapping)

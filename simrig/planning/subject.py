@@ -12,10 +12,16 @@ from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError
 from simrig.planning.change import Display
 from simrig.planning.directional import Environment
+from simrig.planning.doubts import Doubt, doubts_about
 from simrig.planning.indirect import PATHS, PathProbe, probe_paths
-from simrig.planning.integrators import direct_integrator, hides_emitters
+from simrig.planning.integrators import (
+    UNLIMITED,
+    direct_integrator,
+    hides_emitters,
+    path_integrator,
+)
 from simrig.planning.interreflection import IndirectBounds, indirect_bounds
-from simrig.planning.noise import SamplingNoise
+from simrig.planning.light_tracing import LightTraced, Verdict, compare, trace_light
 from simrig.planning.occlusion import can_shadow
 from simrig.planning.places import Places
 from simrig.planning.probe import (
@@ -27,8 +33,9 @@ from simrig.planning.probe import (
     probe_surfaces,
 )
 from simrig.planning.source import SceneSource
-from simrig.planning.survey import Survey
-from simrig.planning.transport import transport
+from simrig.planning.survey import MOST_BODIES, Survey, has_points
+from simrig.planning.transport import narrow_lobes, transport
+from simrig.planning.view import GROUPS, View
 from simrig.rendering import render as rendering
 
 
@@ -38,9 +45,12 @@ class SceneSubject:
     Attributes:
         source: where the scene comes from.
         scene: the scene, loaded in the current variant.
+        view: the sensor that looks.
         survey: its bodies and lights.
+        seconds, compile_seconds: what loading it and the first look took.
+        refused: why it could not be looked at in the variant that its data call for; empty else.
         follows_paths: whether it is known that paths are traced, before anything is bounded.
-        exposure: of the display; ``rendering.display_exposure`` of the picture by default.
+        exposure: of the display; by default ``display_exposure`` of ``picture``.
     """
 
     def __init__(
@@ -50,18 +60,35 @@ class SceneSubject:
     ) -> None:
         self.source = source
         self.scene = rendering.load(source.build())
-        if not self.scene.sensors():
+        count = len(self.scene.sensors())
+        if not count:
             raise SimrigError("the scene has no camera: add a sensor")
+        if not 0 <= source.sensor < count:
+            raise SimrigError(
+                f"the scene has {count} sensor{'s' * (count > 1)}, numbered from 0: there is no "
+                f"sensor {source.sensor}"
+            )
+        self.view = View(self.scene, source.sensor)
         self.survey = Survey(self.scene)
         self.follows_paths = False
         self._exposure = exposure
+        self.seconds, self.compile_seconds, self.refused = 0.0, 0.0, ""
+        self._doubts: dict[str, tuple[Doubt, ...]] = {}
         self._indirect: dict[str, IndirectBounds] = {}
         self._at_places: dict[bool, tuple[np.ndarray, float]] = {}
+
+    def try_out(self) -> None:
+        """Look at the scene once, to see whether the variant can.
+
+        Raises:
+            SimrigError, RuntimeError: it cannot.
+        """
+        _ = self.all_orders if self.survey.has_media else self.probe
 
     @property
     def pixels(self) -> int:
         """How many pixels the picture has."""
-        return int(np.prod(np.array(self.scene.sensors()[0].film().crop_size())))
+        return self.view.pixels
 
     @cached_property
     def direct(self) -> dict[str, Any]:
@@ -72,7 +99,22 @@ class SceneSubject:
     def probe(self) -> CameraProbe:
         """Some pixels in direct light."""
         exact = self.survey.only_delta_lights  # what is left to chance is the place in a pixel
-        return probe(self.scene, self.direct, SAMPLES if exact else PATH_SAMPLES)
+        return probe(self.view, self.direct, SAMPLES if exact else PATH_SAMPLES)
+
+    @cached_property
+    def all_orders(self) -> CameraProbe:
+        """The pixels by paths of all orders, in scenes whose orders are not told apart."""
+        paths = path_integrator(self.scene, UNLIMITED, self.survey.has_media)
+        return probe(self.view, paths, PATH_SAMPLES)
+
+    @cached_property
+    def picture(self) -> np.ndarray:
+        """The pixels with light of all orders, (n, 3)."""
+        if self.survey.has_media:
+            return self.all_orders.picture
+        if self.survey.one_convex_body or not self.survey.bodies:
+            return self.probe.picture
+        return np.asarray(self.paths.halves.sum(axis=0).mean(axis=1))
 
     @cached_property
     def exposure(self) -> float:
@@ -80,8 +122,25 @@ class SceneSubject:
         if isinstance(self._exposure, float | int):
             return float(self._exposure)
         chosen = self._exposure or rendering.display_exposure
-        picture = self.probe.picture
-        return chosen(picture[:, None]) if picture.any() else 1.0
+        return chosen(self.picture[:, None]) if (self.picture > 0.0).any() else 1.0
+
+    def show_particles(self) -> None:
+        """Take the exposure from the picture by particles, which shows what paths miss."""
+        assert self.light_traced is not None
+        column, row = self.view.chosen.T
+        self.__dict__["picture"] = self.light_traced.picture[row, column]
+        self.__dict__.pop("exposure", None)
+
+    @property
+    def missed_share(self) -> float:
+        """The share of lit pixels that may differ and of which none was looked at (95 %).
+
+        Of a picture that was looked at pixel by pixel only places within pixels were missed.
+        """
+        lit = int((self.probe.picture > 0.0).any(axis=1).sum())
+        looked, samples = self.probe.radiance.shape[:2]
+        unseen = 1.0 - looked / self.pixels
+        return min(3.0 / max(lit, 1) * (unseen + 1.0 / samples), 1.0)
 
     def display(self, tolerance: Tolerance) -> Display:
         """Return what measures changes of the picture in the unit of a tolerance."""
@@ -100,7 +159,7 @@ class SceneSubject:
     @cached_property
     def places(self) -> Places:
         """Places in the looked-at pixels where integrators are compared."""
-        return Places(self.scene)
+        return Places(self.view)
 
     def direct_at_places(self, shadows: bool) -> tuple[np.ndarray, float]:
         """Return direct light there, (n, places, 3), and the seconds of a sample."""
@@ -121,7 +180,7 @@ class SceneSubject:
     def probe_paths(self, count: int) -> PathProbe:
         """Return the looked-at pixels from about ``count`` paths."""
         hides = hides_emitters(self.scene)
-        return probe_paths(self.scene, self.survey.only_delta_lights, hides, count)
+        return probe_paths(self.view, self.survey.only_delta_lights, hides, count)
 
     @cached_property
     def surfaces(self) -> SurfaceProbe:
@@ -129,10 +188,37 @@ class SceneSubject:
         return probe_surfaces(self.scene, self.survey.bodies)
 
     @cached_property
+    def narrow(self) -> np.ndarray:
+        """Which bodies reflect or refract into directions that random ones do not find, (b,)."""
+        mirrors = np.array([body.mirror for body in self.survey.bodies], dtype=bool)
+        if len(mirrors) > MOST_BODIES or not all(map(has_points, self.survey.shapes)):
+            return mirrors
+        return mirrors | narrow_lobes(self.survey, self.surfaces)
+
+    @cached_property
+    def light_traced(self) -> LightTraced | None:
+        """The picture by particles from the lamps, None where they cannot be traced."""
+        return trace_light(self.view)
+
+    def second_opinion(self, tolerance: Tolerance) -> Verdict | None:
+        """Return what particles from the lamps say of the picture by paths."""
+        if self.light_traced is None:
+            return None
+        samples = self.paths.radiance(UNLIMITED)
+        groups = samples.reshape(len(samples), GROUPS, -1, 3).mean(axis=2)
+        return compare(self.view, self.light_traced, groups, self.display(tolerance))
+
+    def doubts(self, tolerance: Tolerance) -> tuple[Doubt, ...]:
+        """Return what no look at the scene can tell."""
+        key = str(tolerance)
+        if key not in self._doubts:
+            self._doubts[key] = doubts_about(self, tolerance)
+        return self._doubts[key]
+
+    @cached_property
     def proved_indirect(self) -> np.ndarray:
-        """Bound of what the looked-at pixels gain by order, (MOST_ORDERS, n, 3) radiance."""
-        passed_on = transport(self.survey, self.surfaces, self.direct)
-        return passed_on.seen(self.probe, self.survey.bodies)
+        """Bound of what the looked-at pixels gain by order, (MOST_BOUNCES, n, 3) radiance."""
+        return transport(self.survey).seen(self.probe, self.survey.bodies)
 
     def indirect_changes(self, tolerance: Tolerance) -> IndirectBounds:
         """Return the most that leaving out the orders from each on changes."""
@@ -143,7 +229,7 @@ class SceneSubject:
 
     def unshadowed_change(self, tolerance: Tolerance) -> float:
         """Return how far the looked-at pixels change when nothing casts a shadow."""
-        without = probe(self.scene, direct_integrator(self.scene, shadows=False), SAMPLES)
+        without = probe(self.view, direct_integrator(self.scene, shadows=False), SAMPLES)
         display = self.display(tolerance)
         before, after = self.probe.picture, without.picture
         return display.total(display.per_pixel(before, after), before)
@@ -153,33 +239,3 @@ class SceneSubject:
         display = self.display(tolerance)
         picture = self.probe.picture
         return display.total(display.per_pixel(picture, np.zeros_like(picture)), picture)
-
-
-class SampledSubject:
-    """Pixels as the planned integrator samples them, for the choice of samples per pixel.
-
-    Attributes:
-        subject: the scene.
-        radiance: (n, k, 3) samples of n pixels by the integrator that renders it.
-        seconds_per_sample: of that integrator.
-    """
-
-    def __init__(
-        self, subject: SceneSubject, radiance: np.ndarray, seconds_per_sample: float
-    ) -> None:
-        self.subject = subject
-        self.radiance = radiance
-        self.seconds_per_sample = seconds_per_sample
-
-    def change(self, tolerance: Tolerance, spp: int) -> float:
-        """Return the expected change of a picture with ``spp`` samples per pixel."""
-        if self.subject.source.pixel_centres:
-            return 0.0
-        return self._noise(tolerance).change(spp)
-
-    def needed(self, tolerance: Tolerance, allowed: float) -> tuple[int, float]:
-        """Return the samples per pixel that keep the change within what is allowed."""
-        return self._noise(tolerance).samples_needed(allowed)
-
-    def _noise(self, tolerance: Tolerance) -> SamplingNoise:
-        return SamplingNoise(self.radiance, self.subject.display(tolerance))

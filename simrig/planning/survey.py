@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from simrig.planning import rays
+from simrig.planning.shape_form import box_of, form_of, turns_normals
+
 # more bodies than this are not told apart: the coupling of all pairs would cost more than it saves
 MOST_BODIES = 64
-_CONVEX = {"Sphere", "Disk", "Rectangle", "Cylinder", "Cube"}
-_FLAT = {"Disk", "Rectangle"}
-_CLOSED = {"Sphere", "Cube"}
-_MOST_CORNERS = 20_000_000  # faces × vertices of a mesh whose convexity is tested
-_ON_PLANE = 1e-5  # of the size of a mesh: float32 vertices of one face are that far off it
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +22,9 @@ class Body:
 
     Attributes:
         name: its identifier in the scene.
-        centre, radius: of a sphere that holds it, in scene units.
+        centre, radius: of a sphere that holds it, in scene units; infinite where not known.
         low, high: (3,) corners of its bounding box.
-        convex: no point of a reflecting side can see another one.
+        convex: no point of a reflecting side can see another one, nor does it shade as if it did.
         luminous: it is an area light.
         transmits: light can pass through it.
         mirror: its BSDF has a delta component.
@@ -53,17 +50,22 @@ class Survey:
         scene: the loaded scene.
         bodies: one per shape, in the order of ``scene.shapes()``.
         places: (n, 3) where light comes from or goes to: cameras and lights that have a place.
+        light_places: (n, 3) of the delta lights alone.
     """
 
     def __init__(self, scene: Any) -> None:
         self.scene = scene
         self.emitters = list(scene.emitters())
-        self.delta_lights = [e for e in self.emitters if _is(e, mi.EmitterFlags.Delta)]
+        self.delta_lights = [e for e in self.emitters if is_delta(e)]
         self.environment = scene.environment()
-        self.places = np.array([_place(x) for x in (*scene.sensors(), *self.delta_lights)])
-        boxes = [_box(shape) for shape in scene.shapes()]
+        self.light_places = _places(self.delta_lights)
+        self.places = np.concatenate([_places(scene.sensors()), self.light_places])
+        self.shapes = list(scene.shapes())
+        told_apart = len(self.shapes) <= MOST_BODIES
+        boxes = [box_of(shape) for shape in self.shapes] if told_apart else []
         self.bodies = [
-            _body(shape, index, boxes, self.places) for index, shape in enumerate(scene.shapes())
+            _body(shape, index, boxes, self.places) if told_apart else _unknown_body(shape, index)
+            for index, shape in enumerate(self.shapes)
         ]
 
     @property
@@ -80,15 +82,32 @@ class Survey:
     @cached_property
     def unknown(self) -> str:
         """What keeps the light transport from being bounded; empty when nothing does."""
-        if any(shape.interior_medium() or shape.exterior_medium() for shape in self.scene.shapes()):
+        if self.has_media:
             return "participating media"
-        for body, shape in zip(self.bodies, self.scene.shapes(), strict=True):
-            if body.transmits:
-                return f"'{body.name}' lets light through"
-            if not _has_points(shape):
-                return f"points on '{body.name}' cannot be drawn"
         if len(self.bodies) > MOST_BODIES:
             return f"{len(self.bodies)} shapes are more than the {MOST_BODIES} that are told apart"
+        for body, shape in zip(self.bodies, self.shapes, strict=True):
+            if body.transmits:
+                return f"'{body.name}' lets light through"
+            if not np.isfinite(body.radius):
+                return f"where '{body.name}' begins and ends is not known"
+            if not has_points(shape):
+                return f"points on '{body.name}' cannot be drawn"
+        return ""
+
+    @cached_property
+    def has_media(self) -> bool:
+        """Whether light is scattered between surfaces."""
+        if any(sensor.get_medium() for sensor in self.scene.sensors()):
+            return True
+        return any(shape.interior_medium() or shape.exterior_medium() for shape in self.shapes)
+
+    @cached_property
+    def only_by_light_tracing(self) -> str:
+        """Which light no path from the camera can meet; empty where there is none."""
+        for emitter in self.emitters:
+            if emitter.class_name() == "DirectionalArea":
+                return "an area light that sends its light in one direction"
         return ""
 
     def describe(self) -> str:
@@ -108,11 +127,20 @@ class Survey:
         return f"{shapes}; lights: {', '.join(lights) or 'none'}"
 
 
+def is_delta(emitter: Any) -> bool:
+    """Return whether light reaches every point from exactly one direction."""
+    flags = emitter.flags()
+    return bool(
+        mi.has_flag(flags, mi.EmitterFlags.Delta)
+        and not mi.has_flag(flags, mi.EmitterFlags.Surface)
+    )
+
+
 def _is(thing: Any, flag: Any) -> bool:
     return bool(mi.has_flag(thing.flags(), flag))
 
 
-def _has_points(shape: Any) -> bool:
+def has_points(shape: Any) -> bool:
     """Return whether points can be drawn on a shape; Mitsuba has instances that it cannot."""
     try:
         shape.sample_position(0.0, mi.Point2f(0.5))
@@ -121,90 +149,85 @@ def _has_points(shape: Any) -> bool:
     return True
 
 
+def _places(things: list) -> np.ndarray:
+    """Return where cameras or delta lights stand, (n, 3); directional ones stand at infinity."""
+    return np.array([_place(one) for one in things], dtype=np.float64).reshape(-1, 3)
+
+
 def _place(thing: Any) -> np.ndarray:
-    """Return where a camera or delta light stands; directional lights stand at infinity."""
     if thing.class_name() == "DirectionalEmitter":
         return np.full(3, np.inf)
     if isinstance(thing, mi.Emitter):
-        sample, _ = thing.sample_direction(dr.zeros(mi.SurfaceInteraction3f), mi.Point2f(0.5))
+        sample, _ = thing.sample_direction(rays.interaction(np.zeros((1, 3))), mi.Point2f(0.5))
         return np.array(sample.p, dtype=np.float64).reshape(3)
     matrix = np.array(thing.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)
-    return matrix[:3, 3, 0]
+    return np.asarray(matrix[:3, 3, 0])
 
 
-def _box(shape: Any) -> tuple[np.ndarray, np.ndarray]:
-    box = shape.bbox()
-    return np.array(box.min, dtype=np.float64).ravel(), np.array(box.max, dtype=np.float64).ravel()
+def _name(shape: Any, index: int) -> str:
+    return shape.id() or f"shape {index}"
+
+
+def _transmits(bsdf: Any) -> bool:
+    return bsdf is not None and (
+        _is(bsdf, mi.BSDFFlags.Transmission) or _is(bsdf, mi.BSDFFlags.Null)
+    )
+
+
+def _unknown_body(shape: Any, index: int) -> Body:
+    """Return a body of which only what costs nothing is known."""
+    bsdf, nowhere = shape.bsdf(), np.full(3, np.inf)
+    return Body(
+        name=_name(shape, index),
+        centre=np.zeros(3),
+        radius=np.inf,
+        low=-nowhere,
+        high=nowhere,
+        convex=False,
+        luminous=shape.is_emitter(),
+        transmits=_transmits(bsdf),
+        mirror=bsdf is not None and _is(bsdf, mi.BSDFFlags.Delta),
+        two_sided=bsdf is not None and _is(bsdf, mi.BSDFFlags.BackSide),
+    )
 
 
 def _body(shape: Any, index: int, boxes: list, places: np.ndarray) -> Body:
+    unknown = _unknown_body(shape, index)
+    if boxes[index] is None:
+        return unknown
     low, high = boxes[index]
-    bsdf = shape.bsdf()
     size = float(np.linalg.norm(high - low))
     radius = (high - low).max() / 2.0 if shape.class_name() == "Sphere" else size / 2.0
-    two_sided = bsdf is not None and _is(bsdf, mi.BSDFFlags.BackSide)
     others = boxes[:index] + boxes[index + 1 :]
-    return Body(
-        name=shape.id() or f"shape {index}",
+    return replace(
+        unknown,
         centre=(low + high) / 2.0,
         radius=float(radius) * (1.0 + 1e-4),
         low=low,
         high=high,
-        convex=_is_convex(shape, two_sided, boxes[index], others, places),
-        luminous=shape.is_emitter(),
-        transmits=bsdf is not None
-        and (_is(bsdf, mi.BSDFFlags.Transmission) or _is(bsdf, mi.BSDFFlags.Null)),
-        mirror=bsdf is not None and _is(bsdf, mi.BSDFFlags.Delta),
-        two_sided=two_sided,
+        convex=_is_convex(shape, unknown.two_sided, boxes[index], others, places),
     )
 
 
 def _is_convex(shape: Any, two_sided: bool, box: Any, others: list, places: np.ndarray) -> bool:
-    """Return whether no reflecting point of a shape can see another one of it.
+    """Return whether no reflecting point of a shape can see, or shade as, another one of it.
 
     True of flat shapes; of convex surfaces that reflect outwards only; and of closed ones whose
-    inside nothing can look into or shine into.
+    inside nothing can look into or shine into. Not where normals are not those of the surface.
     """
-    kind = shape.class_name()
-    if kind in _FLAT:
-        return True
-    mesh_convex, mesh_flat = _mesh_form(shape) if shape.is_mesh() else (False, False)
-    if mesh_flat:
-        return True
-    if not (kind in _CONVEX or mesh_convex) or shape.has_flipped_normals():
+    if turns_normals(shape):
         return False
-    if not two_sided:
+    form = form_of(shape)
+    if form.flat:
         return True
-    return (kind in _CLOSED or mesh_convex) and _nothing_inside(box, others, places)
+    if not form.convex or shape.has_flipped_normals():
+        return False
+    return not two_sided or (form.closed and _nothing_inside(box, others, places))
 
 
 def _nothing_inside(box: Any, others: list, places: np.ndarray) -> bool:
     low, high = box
+    if any(other is None for other in others):
+        return False
     apart = all(((low > b) | (high < a)).any() for a, b in others)
     return apart and not ((places >= low) & (places <= high)).all(axis=1).any()
-
-
-def _mesh_form(shape: Any) -> tuple[bool, bool]:
-    """Return whether a mesh bounds a convex set with its normals outwards, and whether it is flat.
-
-    Every vertex has to lie on or below the plane of every face. An open convex mesh passes as
-    well; it is then one-sided or counts as concave.
-    """
-    parameters = mi.traverse(shape)
-    vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-    faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3)
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    if not len(faces) or len(faces) * len(vertices) > _MOST_CORNERS:
-        return False, False
-    kept = lengths > 0.0
-    normals, corners = normals[kept] / lengths[kept, None], corners[kept]
-    size = float(np.ptp(vertices, axis=0).max()) or 1.0
-    above = normals @ vertices.T - np.sum(normals * corners[:, 0], axis=1)[:, None]
-    flat = bool(np.abs(above).max(initial=0.0) <= _ON_PLANE * size)
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    same_place = np.unique(np.round(vertices / (size * 1e-6)), axis=0, return_inverse=True)[1]
-    counts = np.unique(np.sort(same_place.ravel()[edges], axis=1), axis=0, return_counts=True)[1]
-    closed = bool((counts == 2).all())
-    return closed and bool(above.max(initial=0.0) <= _ON_PLANE * size), flat

@@ -7,31 +7,33 @@ The radiance that a body sends after one more reflection is at most
 with a_i the largest directional albedo of body i, p_i the largest value of f_r · cos θ, and Ω_ij
 the solid angle of the bounding sphere of j seen from the nearest point of i: the albedo is what
 ∫ f_r cos θ dω over the whole hemisphere cannot exceed in any direction of view, so the bound holds
-for each pixel, lobes as narrow as they may be. It is 0 for a convex body and itself. A row's sum
-is at most a_i.
+for each pixel. It is 0 for a convex body and itself. A row's sum is at most a_i.
 
-L_1, the direct radiance that bodies send to each other, is the largest over random pairs of points
-(delta lights) or a_i times the largest radiance of the lights (all others). A lobe so narrow that
-random pairs may not find its highlight counts with its peak under all delta lights.
+L_1, the direct radiance that bodies send to each other, is p_i times the largest irradiance (delta
+lights) or a_i times the largest radiance of the lights (all others).
+
+a, p and the lights' radiance come from data (``planning.maxima``): matte surfaces, and lights whose
+numbers are at hand. What is not known is infinite, so that a finite bound is a proved one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from simrig.planning.probe import CameraProbe, SurfaceProbe, probe_between, rows, three_channels
+from simrig.planning import rays
+from simrig.planning.maxima import brightest_of, matte_albedo
+from simrig.planning.probe import CameraProbe, SurfaceProbe
+from simrig.planning.rays import rows, three_channels
 from simrig.planning.survey import Body, Survey
 
 MOST_BOUNCES = 16
 _POINTS_PER_PIXEL = 4  # at which the bound is taken; it varies little within a pixel
-# Largest values over random samples stand for largest values over all; these factors allow for
-# what the samples missed.
-_ALBEDO_SAFETY, _PEAK_SAFETY, _RADIANCE_SAFETY = 1.05, 2.0, 2.0
+# largest values over random samples stand for largest values over all; this allows for what the
+# samples missed
+_PEAK_SAFETY = 2.0
 _NO_LIGHT = 1e-12
 # 1/sr, of a peak over its albedo; such a lobe fills 3/4096 of the hemisphere, which 4096 pairs
 # just find
@@ -57,20 +59,20 @@ class Transport:
         """Return the radiance that bodies send after each order of reflection.
 
         Returns:
-            (MOST_ORDERS, b, 3): entry k is the bound of what was reflected k + 1 times, and
+            (MOST_BOUNCES, b, 3): entry k is the bound of what was reflected k + 1 times, and
             infinite radiance is left in the last where the series does not converge.
         """
-        bounces = [self.sent]
+        orders = [self.sent]
         for _ in range(MOST_BOUNCES - 1):
-            spread = np.einsum("ijc,jc->ic", self.coupling, bounces[-1])
-            bounces.append(np.minimum(spread, self.albedo * bounces[-1].max(axis=0)))
+            spread = product(self.coupling, orders[-1][None]).sum(axis=1)
+            orders.append(np.minimum(spread, product(self.albedo, orders[-1].max(axis=0))))
         # what is beyond the last order is at most a geometric series of its row sums
         gain = np.minimum(self.coupling.sum(axis=1), self.albedo).max(axis=0)
-        last = bounces[-1].max(axis=0)
+        last = orders[-1].max(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             tail = np.where(gain < 1.0, last / np.maximum(1.0 - gain, 1e-12), np.inf)
-        bounces[-1] = np.broadcast_to(np.where(last > _NO_LIGHT, tail, 0.0), self.sent.shape)
-        return np.stack(bounces)
+        orders[-1] = np.broadcast_to(np.where(last > _NO_LIGHT, tail, 0.0), self.sent.shape)
+        return np.stack(orders)
 
     def seen(self, probe: CameraProbe, bodies: list[Body]) -> np.ndarray:
         """Return what pixels gain from each order that reaches them by way of other bodies.
@@ -80,7 +82,7 @@ class Transport:
             bodies: those of this transport.
 
         Returns:
-            (MOST_ORDERS, n, 3) radiance: entry k is light reflected k + 2 times before the camera.
+            (MOST_BOUNCES, n, 3) radiance: entry k is light reflected k + 2 times before the camera.
         """
         few = slice(None, _POINTS_PER_PIXEL)
         hit = probe.body[:, few].reshape(-1)
@@ -98,13 +100,13 @@ class Transport:
             for weight, angle, radiance in zip(
                 weights.swapaxes(0, 1), angles.T, order, strict=True
             ):
-                gain += _product(weight, radiance)
+                gain += product(weight, radiance)
                 np.maximum(brightest, np.where(angle[:, None] > 0.0, radiance, 0.0), out=brightest)
-            np.minimum(gain, _product(albedo, brightest), out=gain)
+            np.minimum(gain, product(albedo, brightest), out=gain)
         return gained.reshape(MOST_BOUNCES, len(probe.body), -1, 3).mean(axis=2)
 
 
-def _product(share: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+def product(share: np.ndarray, radiance: np.ndarray) -> np.ndarray:
     """Multiply, where nothing times infinite is nothing."""
     with np.errstate(invalid="ignore"):
         return np.where((share > 0.0) & (radiance > 0.0), share * radiance, 0.0)
@@ -112,7 +114,7 @@ def _product(share: np.ndarray, radiance: np.ndarray) -> np.ndarray:
 
 def _transfer(albedo: np.ndarray, peak: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.minimum(
-        albedo, _product(peak, np.broadcast_to(angle, np.broadcast(peak, angle).shape))
+        albedo, product(peak, np.broadcast_to(angle, np.broadcast(peak, angle).shape))
     )
 
 
@@ -137,25 +139,41 @@ def _cap(distance: np.ndarray, radius: float | np.ndarray) -> np.ndarray:
     return 2.0 * np.pi * (1.0 - np.sqrt(1.0 - sine**2))
 
 
-def transport(survey: Survey, surfaces: SurfaceProbe, integrator: Any) -> Transport:
+def transport(survey: Survey) -> Transport:
     """Return how the bodies of a scene pass light on.
 
     Args:
         survey: of a scene without what it calls ``unknown``.
-        surfaces: a look at its bodies.
-        integrator: of direct light.
     """
     bodies = survey.bodies
-    albedo = _largest(surfaces.albedo, surfaces, bodies) * _ALBEDO_SAFETY
-    peak = _largest(surfaces.peak, surfaces, bodies) * _PEAK_SAFETY
+    found = [matte_albedo(shape.bsdf()) for shape in survey.scene.shapes()]
+    albedo = np.array([np.full(3, np.inf) if one is None else one for one in found])
+    peak = albedo / np.pi
     if survey.only_delta_lights:
-        sent = np.zeros((len(bodies), 3))
-        senders, radiance = probe_between(survey.scene, bodies, integrator)
-        np.maximum.at(sent, senders, radiance * _RADIANCE_SAFETY)
-        sent = np.maximum(sent, narrow_highlights(survey, surfaces))
+        sent = np.array(
+            [product(p, _irradiance(survey, body)) for p, body in zip(peak, bodies, strict=True)]
+        )
     else:
-        sent = _product(albedo, np.broadcast_to(brightest_light(survey), albedo.shape))
+        sent = product(albedo, np.broadcast_to(brightest_light(survey), albedo.shape))
     return Transport(albedo, peak, _coupling(bodies, albedo, peak), sent)
+
+
+def _irradiance(survey: Survey, body: Body) -> np.ndarray:
+    """Return the most that all delta lights send onto a body, (3,); infinite where not known."""
+    total = np.zeros(3)
+    for light, place in zip(survey.delta_lights, survey.light_places, strict=True):
+        values = mi.traverse(light)
+        kind = light.class_name()
+        if kind == "DirectionalEmitter" and "irradiance.value" in values:
+            total += np.array(values["irradiance.value"], dtype=np.float64)
+        elif kind == "PointLight" and "intensity.value" in values:
+            away = np.maximum(np.maximum(body.low - place, place - body.high), 0.0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                sent = np.array(values["intensity.value"], dtype=np.float64) / float(away @ away)
+            total += np.where(np.isnan(sent), np.inf, sent)
+        else:
+            return np.full(3, np.inf)
+    return total
 
 
 def narrow_highlights(survey: Survey, surfaces: SurfaceProbe) -> np.ndarray:
@@ -166,11 +184,16 @@ def narrow_highlights(survey: Survey, surfaces: SurfaceProbe) -> np.ndarray:
     """
     bodies = survey.bodies
     peak = _largest(surfaces.smooth_peak, surfaces, bodies)
-    lobe = surfaces.smooth_peak / np.maximum(surfaces.albedo, _NO_LIGHT)
-    narrow = _largest(lobe, surfaces, bodies).max(axis=1, keepdims=True) > _NARROW
+    narrow = narrow_lobes(survey, surfaces)[:, None]
     if not (survey.delta_lights and narrow.any()):
         return np.zeros_like(peak)
     return np.where(narrow, _PEAK_SAFETY * peak * _brightest_irradiance(survey), 0.0)
+
+
+def narrow_lobes(survey: Survey, surfaces: SurfaceProbe) -> np.ndarray:
+    """Return which bodies have lobes that random directions may not find, (b,)."""
+    lobe = surfaces.smooth_peak / np.maximum(surfaces.albedo, _NO_LIGHT)
+    return np.asarray(_largest(lobe, surfaces, survey.bodies).max(axis=1) > _NARROW)
 
 
 def _largest(values: np.ndarray, surfaces: SurfaceProbe, bodies: list[Body]) -> np.ndarray:
@@ -202,8 +225,7 @@ def _brightest_irradiance(survey: Survey) -> np.ndarray:
         rows(shape.sample_position(0.0, mi.Point2f(*rng.random((2, 256)))).p)
         for shape in survey.scene.shapes()
     ]
-    si = dr.zeros(mi.SurfaceInteraction3f)
-    si.p = mi.Point3f(*np.concatenate(points).T)
+    si = rays.interaction(np.concatenate(points))
     total = np.zeros(3)
     for light in survey.delta_lights:
         _, weight = light.sample_direction(si, mi.Point2f(0.5))
@@ -218,22 +240,6 @@ def brightest_light(survey: Survey) -> np.ndarray:
     """
     if survey.delta_lights:
         return np.full(3, np.inf)
-    brightest = [brightest_of(emitter) for emitter in survey.emitters]
-    return np.max([np.zeros(3), *brightest], axis=0)
-
-
-def brightest_of(emitter: Any) -> np.ndarray:
-    """Return the largest radiance of an area or environment light, shape (3,)."""
-    if emitter.is_environment() and "data" in (found := mi.traverse(emitter)):
-        image = np.array(found["data"], dtype=np.float64)[..., :3]
-        scale = float(np.max(np.array(found["scale"]))) if "scale" in found else 1.0
-        return image.reshape(-1, 3).max(axis=0) * scale
-    rng = np.random.default_rng(1)
-    si = mi.SurfaceInteraction3f()
-    si.uv = mi.Point2f(*rng.random((2, 4096)))
-    z = rng.random(4096)
-    side = np.sqrt(1.0 - z**2)
-    turn = 2.0 * np.pi * rng.random(4096)
-    si.wi = mi.Vector3f(*np.stack([side * np.cos(turn), side * np.sin(turn), z]))
-    value = np.array(emitter.eval(si), dtype=np.float64).reshape(3, -1)
-    return value.max(axis=1)
+    found = [brightest_of(emitter) for emitter in survey.emitters]
+    known = [one.value if one.proved else np.full(3, np.inf) for one in found]
+    return np.asarray(np.max([np.zeros(3), *known], axis=0))

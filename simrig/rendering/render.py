@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,8 +20,9 @@ from simrig.core.errors import SimrigError
 from simrig.core.shown import Exhibit, Shown
 from simrig.files.images import to_srgb8
 from simrig.plugins.make import building
-from simrig.rendering.film import FilmColours, film_colours
+from simrig.rendering.film import film_colours
 from simrig.rendering.pixel_samples import ControlSamples, pixel_directions
+from simrig.rendering.sampled_pass import sampled_pass, takes_colours
 
 __all__ = [
     "Clock",
@@ -140,6 +142,8 @@ def render(
     integrator: Any = None,
     progress: Callable[[int, int], None] | None = None,
     samples_per_pass: int = SAMPLES_PER_PASS,
+    sensor: int = 0,
+    sampler: str = "",
 ) -> RenderResult:
     """Render a scene.
 
@@ -156,36 +160,34 @@ def render(
         integrator: plugin name, dictionary or object; by default that of the scene.
         progress: called with (samples per pixel done, spp) after every pass.
         samples_per_pass: largest number of samples (pixels × spp) at work at once.
+        sensor: which of the scene's sensors sees it.
+        sampler: plugin name of the sampler, in place of the sensor's; spp is to be a number that
+            it draws. Colours are red, green and blue then, whatever the film's are.
 
     Raises:
         SimrigError: bad arguments, or a result that is not finite (names the pixels).
     """
     scene = load(scene)
-    spp = scene.sensors()[0].sampler().sample_count() if spp is None else spp
+    camera = scene.sensors()[sensor]
+    spp = camera.sampler().sample_count() if spp is None else spp
     if spp != int(spp) or spp < 1:
         raise SimrigError(f"spp must be a whole number >= 1, got {spp}")
     if seed != int(seed) or seed < 0:
         raise SimrigError(f"the seed must be a whole number >= 0, got {seed}")
     integrator, name = _integrator(integrator, scene)
-    width, height = scene.sensors()[0].film().crop_size()
-    passes = _passes(int(spp), int(width * height), samples_per_pass)
+    width, height = camera.film().crop_size()
+    passes = _passes(int(spp), int(width * height), samples_per_pass, bool(sampler))
     # one stream per pass and seed; consecutive numbers would share passes between seeds
     seeds = np.random.SeedSequence(int(seed)).generate_state(len(passes))
 
     total: Any = 0.0
     done = 0
-    film = scene.sensors()[0].film()
-    to_rgb: FilmColours | None = None
+    film = ""
     with timed() as clock:
         for pass_spp, pass_seed in zip(passes, seeds, strict=True):
-            picture = mi.render(
-                scene,
-                integrator=integrator,
-                spp=pass_spp,
-                seed=int(pass_seed),  # type: ignore[arg-type]  # the stub knows no plain int
+            colours, film = _pass(
+                scene, sensor, integrator, pass_spp, int(pass_seed), sampler
             )
-            to_rgb = film_colours(film) if to_rgb is None else to_rgb
-            colours = to_rgb(np.array(picture))
             if len(passes) > 1:
                 total = total + np.float64(pass_spp / spp) * colours
             done += pass_spp
@@ -200,8 +202,35 @@ def render(
         int(spp),
         name,
         str(mi.variant()),
-        to_rgb.note if to_rgb else "",
+        film,
     )
+
+
+def _pass(
+    scene: Any, sensor: int, integrator: Any, spp: int, seed: int, sampler: str
+) -> tuple[np.ndarray, str]:
+    """Return the picture of one pass, and what its film records where that is not RGB."""
+    camera = scene.sensors()[sensor]
+    if sampler and isinstance(integrator, mi.SamplingIntegrator) and takes_colours(camera.film()):
+        return sampled_pass(scene, camera, integrator, spp, seed, sampler), ""
+    picture = mi.render(
+        scene,
+        sensor=sensor,
+        integrator=integrator,
+        spp=spp,
+        seed=seed,  # type: ignore[arg-type]  # the stub knows no plain int
+    )
+    to_rgb = film_colours(camera.film())
+    return to_rgb(np.array(picture)), to_rgb.note
+
+
+def made_integrator(integrator: dict[str, Any]) -> Any:
+    """Return an integrator from its dictionary.
+
+    Raises:
+        SimrigError: Mitsuba cannot build it.
+    """
+    return _load_dict(integrator, "integrator")
 
 
 def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:
@@ -218,10 +247,11 @@ def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:
     return _load_dict(integrator, "integrator"), str(integrator["type"])
 
 
-def _passes(spp: int, pixels: int, samples_per_pass: int) -> list[int]:
+def _passes(spp: int, pixels: int, samples_per_pass: int, stratified: bool = False) -> list[int]:
     """Return the samples per pixel of each pass.
 
-    Full passes take a power of two, because those share one kernel; the rest comes last.
+    Full passes take a power of two, because those share one kernel; the rest comes last. Stratified
+    ones take numbers that ``multijitter`` draws.
     """
     limit = min(samples_per_pass, _WAVEFRONT_LIMIT - 1)
     if pixels > limit:
@@ -229,10 +259,29 @@ def _passes(spp: int, pixels: int, samples_per_pass: int) -> list[int]:
             f"the picture has {pixels} pixels but a pass may hold {limit} samples: "
             "render it smaller, or in crops"
         )
+    if stratified:
+        return _stratified_passes(spp, limit // pixels)
     if spp * pixels <= limit:
         return [spp]
     full = 1 << ((limit // pixels).bit_length() - 1)
     return [full] * (spp // full) + ([spp % full] if spp % full else [])
+
+
+def _stratified_passes(spp: int, most: int) -> list[int]:
+    """Return passes of numbers r · c with r = ⌊√n⌋, the largest that fit first."""
+    full = 1 << (2 * ((most.bit_length() - 1) // 2))
+    passes = [full] * (spp // full) if spp > most else []
+    left = spp - sum(passes)
+    while left:
+        passes.append(next(n for n in range(min(left, most), 0, -1) if is_grid(n)))
+        left -= passes[-1]
+    return passes
+
+
+def is_grid(count: int) -> bool:
+    """Return whether ``multijitter`` draws a number of samples without rounding it."""
+    root = math.isqrt(count)
+    return count % root == 0 if root else False
 
 
 def display_exposure(image: np.ndarray, percentile: float = 99.0, level: float = 0.8) -> float:

@@ -1,0 +1,69 @@
+"""Pixels as the integrator of a plan samples them, for the choice of samples per pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simrig.core.effects import Tolerance
+from simrig.planning.costs import render_seconds
+from simrig.planning.noise import SamplingNoise, nearest_samples
+from simrig.planning.subject import SceneSubject
+from simrig.planning.view import GROUPS
+from simrig.rendering import render as rendering
+
+
+class SampledSubject:
+    """Pixels as the planned integrator samples them, for the choice of samples per pixel.
+
+    Attributes:
+        subject: the scene.
+        radiance: (n, k, 3) samples of n pixels by the integrator that renders it.
+        seconds_per_sample: of that integrator.
+        together: how many samples each of them is the mean of; several are independent, and those
+            of pixels as the film's filter makes them.
+    """
+
+    def __init__(
+        self,
+        subject: SceneSubject,
+        radiance: np.ndarray,
+        seconds_per_sample: float,
+        together: int = 1,
+    ) -> None:
+        self.subject = subject
+        self.radiance = radiance
+        self.seconds_per_sample = seconds_per_sample
+        self.together = together
+
+    def change(self, tolerance: Tolerance, spp: int) -> float:
+        """Return the expected change of a picture with ``spp`` samples per pixel."""
+        if self.subject.source.pixel_centres:
+            return 0.0
+        return self._noise(tolerance).change(spp)
+
+    def needed(self, tolerance: Tolerance, allowed: float) -> tuple[int, float]:
+        """Return the samples per pixel that keep the change within what is allowed."""
+        return self._noise(tolerance).samples_needed(allowed)
+
+    def render_seconds(self, spp: int) -> float:
+        """Return the seconds that the picture is expected to take, without compilation."""
+        return render_seconds(self.subject, self.seconds_per_sample, spp)
+
+    def samples_within(self, seconds: float) -> int:
+        """Return the most samples per pixel that a picture of so many seconds has."""
+        one, two = self.render_seconds(1), self.render_seconds(2)
+        each = max(two - one, 1e-12)
+        return nearest_samples(max((seconds - one) / each + 1.0, 1.0))
+
+    def hopeless(self, tolerance: Tolerance) -> bool:
+        """Whether no number of samples says how far the picture is off."""
+        return not self.subject.source.pixel_centres and self._noise(tolerance).tail.hopeless
+
+    def _noise(self, tolerance: Tolerance) -> SamplingNoise:
+        view = self.subject.view
+        per_pass = max(rendering.SAMPLES_PER_PASS // view.pixels, 1)
+        display = self.subject.display(tolerance)
+        if self.together > 1:
+            share = 1.0 / self.together
+            return SamplingNoise(self.radiance, display, 1, share, pixels=view.pixels)
+        return SamplingNoise(self.radiance, display, GROUPS, view.averaging, per_pass, view.pixels)

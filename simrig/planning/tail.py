@@ -1,0 +1,101 @@
+"""What samples leave unseen because it is rare: the tail of a power law.
+
+Caustics, and small lamps that glossy surfaces throw back, reach a pixel in few samples that carry
+much. Of N samples the k largest deviations x₁ > x₂ > … > x_k estimate the exponent α of
+P(x > X) = (k/N) (x_k/X)^α (Hill 1975, "A simple general approach to inference about the tail of a
+distribution"). Of normal noise α is large and the tail is nothing; with α ≤ 2 the variance has no
+limit, with α ≤ 1 not even the mean has one, and no number of samples says how far it is off.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from simrig.planning.change import Display
+
+_SHARE = 1.0 / 1024.0  # of the samples that count as the tail
+_FEWEST = 16
+_RARER = 2.0  # than once in the picture
+_STEPS = 25
+_PIXELS = 128
+_FINITE = 2.5  # exponent from which on the variance of samples says all
+_HOPELESS = 1.05  # exponent
+
+
+@dataclass(frozen=True, eq=False)
+class Tail:
+    """The power law of the largest deviations.
+
+    Attributes:
+        exponent: α; infinite where there is no tail.
+        largest: the largest deviation that was found, radiance.
+        rate: of larger ones per sample.
+    """
+
+    exponent: float
+    largest: float
+    rate: float
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether the mean itself is carried by what no sample has met; ``change`` is 0 then."""
+        return self.exponent <= _HOPELESS
+
+    def change(self, spp: int, pixels: int, display: Display, picture: np.ndarray) -> float:
+        """Return what events beyond the largest found change in a picture of ``spp`` samples.
+
+        Of events of radiance x that come with probability q, a pixel that has one is brighter by
+        x/spp, and those that have none lack its share q·x of the mean; where every pixel has some,
+        they differ by x·√(q/spp).
+
+        Args:
+            spp: samples per pixel.
+            pixels: of the whole picture; what none of its samples is likely to meet is no noise.
+            display: measures changes.
+            picture: (n, 3) radiance of pixels.
+        """
+        if self.exponent > _FINITE or self.hopeless or not len(picture):
+            return 0.0
+        lit = picture[(picture > 0.0).any(axis=1)]
+        if not len(lit):
+            return 0.0
+        some = lit[:: max(len(lit) // _PIXELS, 1)]
+        reach = (_RARER * self.rate * spp * pixels) ** (1.0 / self.exponent)
+        if reach <= 1.0:
+            return 0.0
+        edges = self.largest * np.geomspace(1.0, reach, _STEPS + 1)
+        middles = np.sqrt(edges[1:] * edges[:-1])
+        chances = -np.diff(self.rate * (edges / self.largest) ** -self.exponent)
+        often = spp * chances >= 1.0
+
+        def step(size: float) -> float:
+            return float(display.per_pixel(some, np.maximum(some + size, 0.0)).mean())
+
+        seldom = zip(spp * chances[~often], middles[~often] / spp, strict=True)
+        rare = sum(share * step(size) for share, size in seldom)
+        rare += step(-float((chances * middles)[~often].sum()))
+        frequent = step(math.sqrt(float((chances * middles**2)[often].sum()) / spp))
+        return display.of_mean(math.hypot(rare, frequent), lit)
+
+
+def tail_of(radiance: np.ndarray) -> Tail:
+    """Return the tail of (n, k, 3) samples of n pixels, of their brightest channels.
+
+    Deviations are those from the mean of the pixel, upwards.
+    """
+    nothing = Tail(math.inf, 0.0, 0.0)
+    count = radiance.shape[0] * radiance.shape[1]
+    kept = max(_FEWEST, int(count * _SHARE))
+    if count < 4 * kept:
+        return nothing
+    brightest = radiance.max(axis=2)
+    above = (brightest - brightest.mean(axis=1, keepdims=True)).ravel()
+    largest = np.sort(np.partition(above, count - kept)[count - kept :])
+    if largest[0] <= 0.0 or largest[-1] <= largest[0] * (1.0 + 1e-6):
+        return nothing
+    exponent = 1.0 / float(np.log(largest[1:] / largest[0]).mean())
+    rate = kept / count * (largest[-1] / largest[0]) ** -exponent
+    return Tail(exponent, float(largest[-1]), float(rate))

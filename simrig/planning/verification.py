@@ -1,0 +1,237 @@
+"""A plan is checked once its picture is there, by an independent estimate of everything.
+
+A few per cent of the time of the picture go to paths of all orders with every effect, spread over
+blocks of it. With d what a block of the picture differs by from the estimate and n half of what the
+two halves of the estimate differ by, the mean of |d|² − |n|² is free of noise. Where it is above
+the tolerance by three standard errors, and more than the picture's own noise, the plan is
+contradicted: the left-out effect that explains it best comes on, and the picture is rendered again.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from simrig.core.effects import DISABLED, Plan, replaced
+from simrig.planning.change import Display
+from simrig.planning.integrators import UNLIMITED, path_integrator
+from simrig.planning.light_tracing import light_tracer
+from simrig.planning.planned import as_planned, render_loaded
+from simrig.planning.planner import plan_scene
+from simrig.planning.source import scene_source_in
+from simrig.planning.survey import Survey
+from simrig.planning.view import View
+from simrig.rendering import render as rendering
+
+SHARE, LEAST_SECONDS = 0.05, 0.2  # of the time of the picture, or seconds
+_BLOCKS = 32  # along the longer side of the picture
+_EACH = 16  # samples of a block at a time
+_CERTAIN = 3.0  # standard errors
+_FEWEST = 2  # rounds of samples, one for each half
+_RENDERS = 3  # of one picture at most
+_EXPLAINING = ("shadowing", "inter-reflection", "environment", "mesostructure", "bsdf-sampling")
+
+
+@dataclass(frozen=True)
+class Check:
+    """What an independent estimate says of a picture.
+
+    Attributes:
+        least: by how much they differ for certain, in the unit of the tolerance.
+        samples: of the estimate, for each block.
+        seconds: that it took, without compilation.
+    """
+
+    least: float
+    samples: int
+    seconds: float
+
+
+def verified_render(
+    scene: Any,
+    plan: Plan,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[rendering.RenderResult, Plan]:
+    """Render a scene by its plan, check the picture, and mend the plan where it is contradicted.
+
+    Args:
+        scene: what was planned.
+        plan: from ``plan_scene``.
+        seed, progress: see ``rendering.render``.
+
+    Returns:
+        The picture, and the plan that made it; its ``about`` holds ``verification``: whether it
+        was ``checked`` (a picture by particles was, before it was planned), what was
+        ``switched_on``, and the ``seconds`` it took.
+    """
+    before = mi.variant()
+    try:
+        source = scene_source_in(scene, plan.settings["variant"])
+        loaded = rendering.load(source.build())
+        switched: list[str] = []
+        spent = 0.0
+        while True:
+            result = render_loaded(loaded, plan, seed, progress)
+            if plan.settings["integrator"] == light_tracer()["type"]:
+                return result, _reported(plan, Check(0.0, 0, 0.0), False, switched, spent)
+            estimate = Estimate(View(loaded, plan.settings.get("sensor", 0)), plan)
+            check = estimate.check(result.image, max(SHARE * result.run_seconds, LEAST_SECONDS))
+            spent += check.seconds
+            contradicted = check.least > plan.tolerance.amount
+            cause = estimate.cause() if contradicted and len(switched) + 1 < _RENDERS else ""
+            if not cause:
+                return result, _reported(plan, check, contradicted, switched, spent)
+            switched.append(cause)
+            plan = _with(scene, plan, switched)
+    finally:
+        if before is not None and mi.variant() != before:
+            mi.set_variant(before)
+
+
+def _with(scene: Any, plan: Plan, effects: list[str]) -> Plan:
+    """Return the plan of a scene with effects forced on, at the same exposure."""
+    left_out = [d.effect for d in plan.effects if not d.on and d.why == DISABLED]
+    found = plan_scene(
+        scene,
+        plan.tolerance,
+        enable=tuple(effects),
+        disable=tuple(name for name in left_out if name not in effects),
+        exposure=plan.about["exposure"],
+        sensor=plan.settings.get("sensor", 0),
+    )
+    if "inter-reflection" in effects:
+        return replace(found, settings={**found.settings, "depth": UNLIMITED})
+    return found
+
+
+def _reported(
+    plan: Plan, check: Check, contradicted: bool, switched: list[str], seconds: float
+) -> Plan:
+    verification = {
+        "checked": check.samples > 0,
+        "differs_at_least": check.least,
+        "contradicted": contradicted,
+        "switched_on": switched,
+        "seconds": seconds,
+    }
+    about = {**plan.about, "verification": verification}
+    if contradicted:
+        about["kept"] = None
+        about["advice"] = (
+            f"whether {plan.tolerance} is kept is not known: an independent estimate differs by "
+            f"{check.least:.3g} {plan.tolerance.unit}, and no effect that is off explains it"
+        )
+    return replace(plan, about=about)
+
+
+class Estimate:
+    """Everything, at low resolution, beside a picture."""
+
+    def __init__(self, view: View, plan: Plan) -> None:
+        """Take the view of a loaded scene and the plan by which it was rendered."""
+        self.view = view
+        self.plan = plan
+        self.display = Display(plan.tolerance, plan.about["exposure"])
+        self._blocks = view.blocks(_BLOCKS)
+        self._everything: list[np.ndarray] = []
+
+    def check(self, picture: np.ndarray, seconds: float) -> Check:
+        """Estimate everything for as long as is allowed, and compare a picture with it.
+
+        Args:
+            picture: (height, width, 3) linear RGB.
+            seconds: that the estimate may take.
+        """
+        survey = Survey(self.view.scene)
+        integrator = path_integrator(self.view.scene, UNLIMITED, survey.has_media)
+        self._everything, spent = [], 0.0
+        for radiance, took in self._rounds(integrator):
+            self._everything.append(radiance)
+            spent += took
+            mean = spent / len(self._everything)
+            if len(self._everything) >= _FEWEST and spent + 2.0 * mean > seconds:
+                break
+        halves = np.array([np.mean(self._everything[one::2], axis=0) for one in (0, 1)])
+        means = np.array([picture[rows, columns].mean(axis=(0, 1)) for rows, columns in self._cut])
+        samples = _EACH * len(self._everything)
+        return Check(self._least(means, halves), samples, spent)
+
+    def cause(self) -> str:
+        """Return the left-out effect that brings the plan nearest to everything; empty for none."""
+        everything = np.mean(self._everything, axis=0)
+        apart = {}
+        for effect in _EXPLAINING:
+            changed = _switched_on(self.plan, effect)
+            if changed is None:
+                continue
+            with as_planned(self.view.scene, changed) as integrator:
+                rounds = self._rounds(integrator)
+                seen = np.mean([next(rounds)[0] for _ in self._everything], axis=0)
+            step = self.display.coordinates(seen) - self.display.coordinates(everything)
+            apart[effect] = float((step**2).sum(axis=1).mean())
+        return min(apart, key=apart.__getitem__) if apart else ""
+
+    @property
+    def _cut(self) -> list[tuple[slice, slice]]:
+        """Rows and columns of each block."""
+        return [(slice(y, y + h), slice(x, x + w)) for x, y, w, h in self._blocks]
+
+    def _rounds(self, integrator: dict[str, Any]) -> Iterator[tuple[np.ndarray, float]]:
+        """Yield independent estimates (blocks, 3), and the seconds that each took."""
+        made = rendering.made_integrator(integrator)
+        seed = 0
+        while True:
+            seed += 1
+            start = time.perf_counter()
+            with rendering.timed() as clock:
+                radiance = self.view.radiance_of_blocks(self._blocks, made, _EACH, seed)
+            took = time.perf_counter() - start - clock.compile_seconds
+            yield radiance.reshape(len(self._blocks), _EACH, 3).mean(axis=1), took
+
+    def _least(self, picture: np.ndarray, halves: np.ndarray) -> float:
+        """Return by how much (m, 3) means differ for certain from (2, m, 3) halves."""
+        lit = (picture > 0.0).any(axis=1) | (halves > 0.0).any(axis=(0, 2))
+        if not lit.any() or not np.isfinite(halves).all():
+            return 0.0
+        shown = [self.display.coordinates(one[lit]) for one in (picture, *halves)]
+        both = self.display.coordinates(halves.mean(axis=0)[lit])
+        noise = (shown[1] - shown[2]) / 2.0
+        surplus = ((shown[0] - both) ** 2 - noise**2).sum(axis=1)
+        pixels = np.mean([w * h for _, _, w, h in self._blocks])
+        own = float(self.plan.about.get("noise") or 0.0) ** 2 / max(float(pixels), 1.0)
+        error = float(surplus.std()) / math.sqrt(len(surplus))
+        least = math.sqrt(max(float(surplus.mean()) - _CERTAIN * error - own, 0.0))
+        if self.plan.tolerance.metric == "psnr":
+            return least
+        return self.display.of_mean(least, halves.mean(axis=0)[lit])
+
+
+def _switched_on(plan: Plan, effect: str) -> Plan | None:
+    """Return a plan with one more effect, None where it is on already or there is none of it."""
+    decision = next((d for d in plan.effects if d.effect == effect), None)
+    if decision is None or decision.why == DISABLED:
+        return None
+    settings = dict(plan.settings)
+    on = replaced(plan.effects, effect, on=True)
+    if effect == "inter-reflection":
+        if settings["integrator"] in ("path", "volpath") and settings["depth"] == UNLIMITED:
+            return None
+        settings |= {"integrator": "path", "depth": UNLIMITED}
+        return replace(plan, effects=on, settings=settings)
+    if effect == "mesostructure":
+        if not settings.pop("structure_within_mm", None):
+            return None
+        return replace(plan, effects=on, settings=settings)
+    if decision.on or (decision.bound is not None and decision.bound.absent):
+        return None
+    if effect == "environment":
+        settings.pop("lights", None)
+        on = replaced(on, "bsdf-sampling", on=True)
+    return replace(plan, effects=on, settings=settings)

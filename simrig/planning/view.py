@@ -1,0 +1,182 @@
+"""What a sensor sees: the pixels that are looked at, each through the footprint of its filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from simrig.planning import rays
+
+PIXELS = 1024  # looked at, at most
+SEED = 20_240_607  # plans are reproducible
+GROUPS = 4  # into which the samples of a pixel fall
+SAMPLER = "multijitter"  # of pictures that are planned: stratified in every pair of dimensions
+_STEPS = 256  # of the half of a reconstruction filter
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A sensor of a loaded scene.
+
+    Attributes:
+        scene: the loaded scene.
+        index: of the sensor in ``scene.sensors()``.
+    """
+
+    scene: Any
+    index: int = 0
+
+    @cached_property
+    def sensor(self) -> Any:
+        """The sensor."""
+        return self.scene.sensors()[self.index]
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture."""
+        width, height = (int(n) for n in self.sensor.film().crop_size())
+        return width, height
+
+    @property
+    def pixels(self) -> int:
+        """How many pixels the picture has."""
+        return self.size[0] * self.size[1]
+
+    @cached_property
+    def chosen(self) -> np.ndarray:
+        """The pixels that are looked at, (n, 2) columns and rows; all of them when there are few.
+
+        One at random in each of n equal runs of pixels.
+        """
+        rng = np.random.default_rng(SEED)
+        count = min(PIXELS, self.pixels)
+        index = ((np.arange(count) + rng.random(count)) * self.pixels / count).astype(np.int64)
+        index = np.minimum(index, self.pixels - 1)
+        return np.stack([index % self.size[0], index // self.size[0]], axis=-1)
+
+    @cached_property
+    def _filter(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Distances from a pixel's centre and the filter there; None of a box of one pixel."""
+        chosen = self.sensor.film().rfilter()
+        radius = float(chosen.radius())
+        if chosen.class_name() == "BoxFilter" and radius <= 0.5 + 1e-3:
+            return None
+        distance = (np.arange(_STEPS) + 0.5) * radius / _STEPS
+        value = np.array(chosen.eval(rays.on_device(distance)), dtype=np.float64).ravel()
+        return distance, np.broadcast_to(value, distance.shape)
+
+    @cached_property
+    def averaging(self) -> float:
+        """How many samples per pixel a pixel averages, over those that are drawn in it.
+
+        A filter wider than a pixel uses each sample in several pixels: the variance of a mean of
+        independent samples falls by ∫f² / (∫f)² in each of two axes.
+        """
+        if self._filter is None:
+            return 1.0
+        distance, value = self._filter
+        step = distance[1] - distance[0]
+        along = 2.0 * (value**2).sum() * step / max(2.0 * value.sum() * step, 1e-12) ** 2
+        return float(max(1.0 / along**2, 1.0))
+
+    @cached_property
+    def _spread(self) -> tuple[Any, float] | None:
+        """The inverse of the filter's distribution as a table, and its length."""
+        if self._filter is None:
+            return None
+        distance, value = self._filter
+        share = np.cumsum(np.maximum(value, 0.0))
+        share = np.concatenate([[0.0], share / share[-1]])
+        edges = np.concatenate([[0.0], distance + 0.5 * (distance[1] - distance[0])])
+        table = np.interp(np.linspace(0.0, 1.0, _STEPS), share, edges)
+        return rays.on_device(table), float(_STEPS - 1)
+
+    def _offset(self, uniform: Any) -> Any:
+        """Return distances from a pixel's corner for numbers in [0, 1), by the filter."""
+        if self._spread is None:
+            return uniform
+        table, last = self._spread
+        signed = 2.0 * uniform - 1.0
+        place = dr.minimum(dr.abs(signed) * last, last - 1e-3)
+        index = mi.UInt32(place)
+        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+        return 0.5 + dr.copysign(low + (high - low) * (place - index), signed)
+
+    def rays(self, samples: int, groups: int = GROUPS, seed: int = SEED) -> tuple[Any, Any, Any]:
+        """Return camera rays through each looked-at pixel, spread as its filter weighs them.
+
+        The samples of a pixel fall into groups, one after the other, each of which is stratified
+        as a picture of that many samples per pixel would be.
+
+        Args:
+            samples: of each pixel, a multiple of the groups.
+            groups: independent of each other.
+            seed: of the random numbers.
+
+        Returns:
+            The sampler, for what is drawn along the rays; the rays; and what they weigh.
+        """
+        each = samples // groups
+        if each * groups != samples:
+            raise ValueError(f"{samples} samples do not fall into {groups} equal groups")
+        count = len(self.chosen) * samples
+        drawn = _sampler(each, seed, count)
+        pixel = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, samples)
+        corner = [dr.gather(mi.Float, rays.on_device(axis), pixel) for axis in self.chosen.T]
+        return (drawn, *self._through(corner, drawn, count))
+
+    def blocks(self, along: int) -> np.ndarray:
+        """Return the picture in blocks, (m, 4): column, row, width and height of each.
+
+        Args:
+            along: how many there are along the longer side, at most.
+        """
+        side = max(-(-max(self.size) // along), 1)
+        columns, rows = (range(0, n, side) for n in self.size)
+        width, height = self.size
+        return np.array(
+            [(x, y, min(side, width - x), min(side, height - y)) for y in rows for x in columns]
+        )
+
+    def radiance_of_blocks(
+        self, blocks: np.ndarray, integrator: Any, samples: int, seed: int
+    ) -> np.ndarray:
+        """Return what an integrator finds in random pixels of blocks, (m · samples, 3)."""
+        count = len(blocks) * samples
+        drawn = _sampler(samples, seed, count)
+        block = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, samples)
+        low_x, low_y, width, height = (
+            dr.gather(mi.Float, rays.on_device(axis), block) for axis in blocks.T
+        )
+        where = drawn.next_2d()
+        corner = [dr.floor(low_x + where.x * width), dr.floor(low_y + where.y * height)]
+        found, weight = self._through(corner, drawn, count)
+        value, _, _ = integrator.sample(self.scene, drawn, found)
+        return np.broadcast_to(rays.rows(rays.to_rgb(value * weight, found)), (count, 3))
+
+    def _through(self, corner: list[Any], drawn: Any, count: int) -> tuple[Any, Any]:
+        """Return rays through pixels, spread as the filter weighs them, and their weights."""
+        inside = drawn.next_2d()
+        place = mi.Point2f(corner[0] + self._offset(inside.x), corner[1] + self._offset(inside.y))
+        place = dr.clip(place / mi.ScalarPoint2f(*self.size), 0.0, 1.0 - 1e-6)
+        aperture = drawn.next_2d() if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
+        time = self.sensor.shutter_open()
+        if self.sensor.shutter_open_time() > 0.0:
+            time = time + drawn.next_1d() * self.sensor.shutter_open_time()
+        wavelength = drawn.next_1d() if mi.is_spectral else mi.Float(0.0)
+        found, weight = self.sensor.sample_ray_differential(time, wavelength, place, aperture)
+        weight = mi.Spectrum(weight) + dr.zeros(mi.Spectrum, count)
+        return rays.wide(found, count), weight
+
+
+def _sampler(each: int, seed: int, count: int) -> Any:
+    """Return a sampler of ``count`` numbers that is stratified in runs of ``each``."""
+    drawn = mi.load_dict({"type": SAMPLER, "sample_count": each})
+    drawn.set_samples_per_wavefront(each)
+    drawn.seed(seed, count)
+    return drawn
