@@ -83,7 +83,8 @@ def trace_light(view: View, particles: int = PARTICLES) -> LightTraced | None:
 
 
 def _render(view: View, integrator: Any, spp: int, seed: int) -> np.ndarray:
-    found = mi.render(view.scene, sensor=view.index, integrator=integrator, spp=spp, seed=seed)
+    tracer: Any = mi.render  # its stub knows no plain int
+    found = tracer(view.scene, sensor=view.index, integrator=integrator, spp=spp, seed=seed)
     picture = np.array(found, dtype=np.float64)
     if picture.shape[-1] < 3:
         picture = np.repeat(picture[..., :1], 3, axis=-1)
@@ -127,6 +128,7 @@ def _blocks(view: View) -> tuple[np.ndarray, int]:
 
 def _means(pictures: np.ndarray, block: np.ndarray, count: int) -> np.ndarray:
     """Return the means (m, blocks, 3) of the looked-at pixels (m, n, 3) of pictures."""
-    total = np.zeros((len(pictures), count, 3))
-    np.add.at(total, (slice(None), block), pictures)
-    return np.asarray(total / np.bincount(block, minlength=count)[:, None])
+    share = np.zeros((count, len(block)))
+    share[block, np.arange(len(block))] = 1.0
+    share /= share.sum(axis=1, keepdims=True)
+    return np.asarray(np.einsum("bn,mnc->mbc", share, pictures))

@@ -57,7 +57,7 @@ def interaction(
     made.p = vectors(mi.Point3f, places)
     up = np.broadcast_to([0.0, 0.0, 1.0], (count, 3))
     made.n = mi.Normal3f(0.0, 0.0, 1.0)
-    made.sh_frame = mi.Frame3f(made.n)
+    made.sh_frame = mi.Frame3f(mi.Vector3f(0.0, 0.0, 1.0))
     made.wi = vectors(mi.Vector3f, up if facing is None else facing)
     if uv is not None:
         made.uv = vectors(mi.Point2f, uv)

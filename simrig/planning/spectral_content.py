@@ -60,7 +60,7 @@ def spectral_content(nodes: Iterable[Any]) -> tuple[tuple[str, ...], tuple[str, 
 
 
 def _values(properties: Any) -> list[Any]:
-    kinds = mi.Properties.Type
+    kinds: Any = mi.Properties.Type
     kept = (kinds.Spectrum, kinds.Object)
     return [value for key, value in properties.items() if properties.type(key) in kept]
 

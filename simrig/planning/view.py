@@ -163,7 +163,7 @@ class View:
         """Return rays through pixels, spread as the filter weighs them, and their weights."""
         inside = drawn.next_2d()
         place = mi.Point2f(corner[0] + self._offset(inside.x), corner[1] + self._offset(inside.y))
-        place = dr.clip(place / mi.ScalarPoint2f(*self.size), 0.0, 1.0 - 1e-6)
+        place = dr.clip(place / mi.Point2f(*self.size), 0.0, 1.0 - 1e-6)
         aperture = drawn.next_2d() if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
         time = self.sensor.shutter_open()
         if self.sensor.shutter_open_time() > 0.0:

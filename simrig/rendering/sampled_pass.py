@@ -91,7 +91,7 @@ def _rays(
     row = pixel // dr.opaque(mi.UInt32, columns)
     corner = mi.Vector2f(mi.Float(pixel - row * columns), mi.Float(row))
     jittered = corner + drawn.next_2d()
-    offset = mi.ScalarVector2f(film.crop_offset())
+    offset = mi.Vector2f(film.crop_offset())
     aperture = drawn.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.0)
     time = sensor.shutter_open()
     if sensor.shutter_open_time() > 0.0:

@@ -70,7 +70,7 @@ def parsed(scene: Description) -> Iterator[Any]:
     """
     before = mi.file_resolver()  # type: ignore[operator]  # the stub says object
     resolver = mi.FileResolver(before)
-    mi.set_file_resolver(resolver)
+    mi.set_file_resolver(resolver)  # type: ignore[operator]  # likewise
     try:
         if isinstance(scene, SceneFile):
             resolver.prepend(str(scene.path.absolute().parent))
@@ -78,7 +78,7 @@ def parsed(scene: Description) -> Iterator[Any]:
             state = _parse(scene)
         yield state
     finally:
-        mi.set_file_resolver(before)
+        mi.set_file_resolver(before)  # type: ignore[operator]  # likewise
 
 
 def load_described(scene: Description) -> Any:
