@@ -112,11 +112,14 @@ def define_adapter() -> type:
             pdf = self._density(local_i, local_o)
             value = self._value(ctx, si, local_i, local_o, active)
             cos_turn, sin_turn = dr.detach(self.cos_turn), dr.detach(self.sin_turn)
-            bs.wo = mi.Vector3f(
+            turned = mi.Vector3f(
                 cos_turn * local_o.x - sin_turn * local_o.y,
                 sin_turn * local_o.x + cos_turn * local_o.y,
                 local_o.z,
             )
+            # a failed draw points below the surface: adapters such as 'blendbsdf' weigh whatever
+            # direction they get, also where its density is 0
+            bs.wo = dr.select(active, turned, mi.Vector3f(0.0, 0.0, -1.0))
             bs.pdf = dr.select(active, pdf, 0.0)
             bs.eta = 1.0
             bs.sampled_type = mi.UInt32(+glossy)

@@ -170,22 +170,23 @@ def test_a_plan_that_cannot_keep_its_tolerance_says_by_how_much(
     scene = named(name, "wood01")
     few = [count for count in noise_of_samples.CANDIDATES if count <= 16]
     monkeypatch.setattr(noise_of_samples, "CANDIDATES", few)
-    plan = plan_scene(scene, "dE=0.02")
+    wanted = 0.3 * plan_scene(scene, "dE=1e-5").about["expected_error"]
+    plan = plan_scene(scene, f"dE={wanted:g}")
     expected = plan.about["expected_error"]
-    assert not plan.about["kept"] and expected > 0.02
+    assert not plan.about["kept"] and expected > wanted
     assert plan.settings["spp"] == 16
     picture = planned_render(scene, plan, seed=5).image
     reference = converged(scene, plan, 6, 1 << 14)
-    assert 0.6 * expected <= change(reference, picture, plan.about["exposure"]) <= expected
+    assert 0.5 * expected <= change(reference, picture, plan.about["exposure"]) <= expected
     said = re.fullmatch(
-        r"dE=0.02 is not kept: dE=(\S+) is expected, with 16 samples per pixel; "
+        r"dE=\S+ is not kept: dE=(\S+) is expected, with 16 samples per pixel; "
         r"(\d+) would keep it",
         plan.about["advice"],
     )
     assert said and float(said[1]) == pytest.approx(expected, rel=1e-2)
     monkeypatch.setattr(noise_of_samples, "CANDIDATES", [*few, int(said[2])])
     longer = plan_scene(scene, "dE=1e-5")  # as many as there may be
-    assert longer.about["expected_error"] <= 0.02
+    assert longer.about["expected_error"] <= 1.1 * wanted
 
 
 def test_what_is_left_out_by_request_counts_against_the_tolerance() -> None:
@@ -194,9 +195,10 @@ def test_what_is_left_out_by_request_counts_against_the_tolerance() -> None:
     bound = bound_of(plan, "inter-reflection")
     assert not plan.about["kept"] and plan.about["expected_error"] > bound > 0.5
     assert plan.about["advice"].endswith("without inter-reflection; simulate that to keep it")
-    assert plan_lines(plan)[1:] == [plan.about["advice"]]
+    assert plan_lines(plan)[-1] == plan.about["advice"]
     loose = plan_scene(scene, "psnr=15", disable=["inter-reflection"])
-    assert loose.about["kept"] and len(plan_lines(loose)) == 1
+    assert loose.about["kept"] and not loose.about["advice"]
+    assert "error over time" in plan_lines(loose)[-1]
 
 
 @pytest.mark.parametrize("tolerance", ["psnr=40", "relative=0.02"])
@@ -274,7 +276,8 @@ def test_area_lights_need_both_samplings() -> None:
     assert plan.on("bsdf-sampling")
     assert bound_of(plan, "shadowing") == 0.0  # nothing else can hide the lamp
     between = {"type": "sphere", "center": [0, 0.3, 1.5], "radius": 0.5}
-    assert plan_scene(simple(s=ball, light=light, b=between), "dE=1").on("shadowing")
+    hidden = plan_scene(simple(s=ball, light=light, b=between), "dE=1")
+    assert bound_of(hidden, "shadowing") > 0.1, "some of what is seen"
 
 
 def test_overrides_that_contradict_each_other_are_refused() -> None:

@@ -27,8 +27,9 @@ from simrig.evaluation.convergence.results import Convergence, Point, Reference,
 from simrig.evaluation.metrics.images import foreground_mask, psnr_from_mse
 from simrig.evaluation.metrics.replicates import Replicates, converged, distances, replicates
 from simrig.planning.integrators import hides_emitters
+from simrig.planning.source import scene_source
 from simrig.rendering.render import load, render
-from simrig.rendering.samplers import SAMPLERS, samples_for, with_sampler
+from simrig.rendering.samplers import SAMPLERS, samples_for
 
 # None is the scene's own; depths count edges from the camera: 2 is direct light
 INTEGRATORS: dict[str, dict[str, Any] | None] = {
@@ -68,7 +69,7 @@ def converge(
     Participating media are not simulated.
 
     Args:
-        scene: a Mitsuba dictionary or the path of an XML file, for the current variant.
+        scene: a Mitsuba dictionary, a loaded scene or a file, for the current variant.
         tolerance: what counts as good enough.
         integrators, samplers: names from ``INTEGRATORS`` and ``SAMPLERS``, combined with each
             other; the scene's own integrator is left out when it is that of the reference.
@@ -86,15 +87,14 @@ def converge(
     methods = _methods(scene, integrators, samplers)
     if not budget_seconds > 0.0:
         raise SimrigError(f"the time budget must be above 0 s, got {budget_seconds:g}")
-    scenes = {name: load(with_sampler(scene, name)) for name in dict.fromkeys(samplers)}
+    loaded = load(scene_source(scene).build())
     ledger = ledger or Ledger()
     elapsed = stopwatch(ledger.seconds)
     total = len(methods) * len(levels) + 1
     report = progress or (lambda *_: None)
     report(0, total, "reference")
     if ledger.reference is None:
-        reference_scene = load(with_sampler(scene, "independent"))
-        found = _reference(reference_scene, tolerance, budget_seconds, exposure, seed)
+        found = _reference(loaded, tolerance, budget_seconds, exposure, seed)
         ledger.note_reference(*found, elapsed())
     picture, reference = ledger.found_reference()
     done, left_out = 1, 0
@@ -109,7 +109,7 @@ def converge(
         if elapsed() + expected > budget_seconds:
             left_out += 1
             continue
-        pair = _pair(scenes[sampler], integrator, spp, seed + 1)
+        pair = _pair(loaded, integrator, sampler, spp, seed + 1)
         point = _point(integrator, sampler, pair, picture, reference, tolerance, exposure)
         ledger.note(point, elapsed())
     report(total, total)
@@ -156,9 +156,11 @@ def _integrator(scene: Any, name: str) -> dict[str, Any] | None:
     return integrator and {**integrator, "hide_emitters": hides_emitters(scene)}
 
 
-def _pair(scene: Any, integrator: str, spp: int, seed: int) -> Replicates:
+def _pair(scene: Any, integrator: str, sampler: str, spp: int, seed: int) -> Replicates:
     made = _integrator(scene, integrator)
-    return replicates(lambda count, one: render(scene, count, one, made), [spp], seed)
+    return replicates(
+        lambda count, one: render(scene, count, one, made, sampler=sampler), [spp], seed
+    )
 
 
 def _last(points: Iterable[Point], integrator: str, sampler: str) -> Point | None:
@@ -174,7 +176,7 @@ def _reference(
     enough = _REFERENCE_PART * tolerance.amount
     integrator = _integrator(scene, REFERENCE)
     picture = converged(
-        lambda spp, one: render(scene, spp, one, integrator),
+        lambda spp, one: render(scene, spp, one, integrator, sampler="independent"),
         lambda so_far: so_far.standard_errors(exposure)[tolerance.metric] <= enough,
         _REFERENCE_SHARE * budget_seconds,
         seed,

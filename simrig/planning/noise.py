@@ -31,7 +31,6 @@ _SAFETY = 1.1
 _TRIALS = 4
 _SEED = 7
 _LONGEST = 1.5  # power of the measured gain that is counted on
-_LEAST_GAIN = 0.02  # of stratification; below it pairs of groups are too few to tell
 
 
 class SamplingNoise:
@@ -105,10 +104,12 @@ class SamplingNoise:
     @cached_property
     def _gain(self) -> float:
         """The noise of a group over that of as many independent samples."""
-        if self.groups < 2 or self._count // self.groups < 2:
+        group = self._count // max(self.groups, 1)
+        if self.groups < 2 or group < 2:
             return 1.0
         apart, at_random = (self._between_groups(x) for x in (self.radiance, self._mixed))
-        return min(max(apart / at_random, _LEAST_GAIN), 1.0) if at_random > 0.0 else 1.0
+        least = 1.0 / math.sqrt(group)  # edges along the strata look better than they will be
+        return min(max(apart / at_random, least), 1.0) if at_random > 0.0 else 1.0
 
     def _between_groups(self, samples: np.ndarray) -> float:
         pixels = len(samples)

@@ -46,7 +46,7 @@ from simrig.planning.overrides import (
     with_paths,
 )
 from simrig.planning.planned import direct_light
-from simrig.planning.probe import PATH_SAMPLES, SAMPLES, probe
+from simrig.planning.probe import PATH_SAMPLES, probe
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.source import SceneSource, scene_source_in
 from simrig.planning.subject import SceneSubject
@@ -224,7 +224,7 @@ def plan_subject(
         "spp": spp,
         "variant": backend.current(),
     }
-    if integrator["type"] != light_tracer()["type"]:
+    if integrator["type"] != light_tracer()["type"] and subject.view.stratified:
         settings["sampler"] = SAMPLER
     if subject.source.sensor:
         settings["sensor"] = subject.source.sensor
@@ -382,7 +382,7 @@ def _sampled(
     seen, seconds = subject.probe, subject.probe.seconds_per_sample
     known = subject.survey.only_delta_lights and kind != "volpath"  # but for the test of shadows
     if averaged or not (known or integrator == subject.direct):
-        samples = SAMPLES if kind == "simrig_all_lights" else PATH_SAMPLES
+        samples = subject.samples if kind == "simrig_all_lights" else PATH_SAMPLES
         seen = probe(subject.view, integrator, samples)
         seconds = seen.seconds_per_sample
     elif known:

@@ -66,4 +66,5 @@ class SampledSubject:
         if self.together > 1:
             share = 1.0 / self.together
             return SamplingNoise(self.radiance, display, 1, share, pixels=view.pixels)
-        return SamplingNoise(self.radiance, display, GROUPS, view.averaging, per_pass, view.pixels)
+        groups = GROUPS if view.stratified else 1
+        return SamplingNoise(self.radiance, display, groups, view.averaging, per_pass, view.pixels)

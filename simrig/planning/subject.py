@@ -38,6 +38,8 @@ from simrig.planning.transport import narrow_lobes, transport
 from simrig.planning.view import GROUPS, View
 from simrig.rendering import render as rendering
 
+_FEW_LIGHTS = 8
+
 
 class SceneSubject:
     """A loaded scene with what the planner found out about it.
@@ -98,8 +100,15 @@ class SceneSubject:
     @cached_property
     def probe(self) -> CameraProbe:
         """Some pixels in direct light."""
-        exact = self.survey.only_delta_lights  # what is left to chance is the place in a pixel
+        lights = self.survey.delta_lights
+        # what is left to chance is the place in a pixel; many lights take their time
+        exact = self.survey.only_delta_lights and len(lights) > _FEW_LIGHTS
         return probe(self.view, self.direct, SAMPLES if exact else PATH_SAMPLES)
+
+    @property
+    def samples(self) -> int:
+        """How many there are of each looked-at pixel."""
+        return int(self.probe.radiance.shape[1])
 
     @cached_property
     def all_orders(self) -> CameraProbe:
@@ -229,7 +238,7 @@ class SceneSubject:
 
     def unshadowed_change(self, tolerance: Tolerance) -> float:
         """Return how far the looked-at pixels change when nothing casts a shadow."""
-        without = probe(self.view, direct_integrator(self.scene, shadows=False), SAMPLES)
+        without = probe(self.view, direct_integrator(self.scene, shadows=False), self.samples)
         display = self.display(tolerance)
         before, after = self.probe.picture, without.picture
         return display.total(display.per_pixel(before, after), before)

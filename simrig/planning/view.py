@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.planning import rays
+from simrig.rendering.sampled_pass import takes_colours
 
 PIXELS = 1024  # looked at, at most
 SEED = 20_240_607  # plans are reproducible
@@ -46,6 +47,11 @@ class View:
     def pixels(self) -> int:
         """How many pixels the picture has."""
         return self.size[0] * self.size[1]
+
+    @property
+    def stratified(self) -> bool:
+        """Whether a planned picture of it is drawn by ``SAMPLER``; one of spectral bands is not."""
+        return takes_colours(self.sensor.film())
 
     @cached_property
     def chosen(self) -> np.ndarray:

@@ -162,7 +162,8 @@ def render(
         samples_per_pass: largest number of samples (pixels × spp) at work at once.
         sensor: which of the scene's sensors sees it.
         sampler: plugin name of the sampler, in place of the sensor's; spp is to be a number that
-            it draws. Colours are red, green and blue then, whatever the film's are.
+            it draws. Colours are red, green and blue then, whatever the film's are. Integrators
+            that follow light instead of the camera's rays keep their own.
 
     Raises:
         SimrigError: bad arguments, or a result that is not finite (names the pixels).
@@ -176,7 +177,7 @@ def render(
         raise SimrigError(f"the seed must be a whole number >= 0, got {seed}")
     integrator, name = _integrator(integrator, scene)
     width, height = camera.film().crop_size()
-    passes = _passes(int(spp), int(width * height), samples_per_pass, bool(sampler))
+    passes = _passes(int(spp), int(width * height), samples_per_pass, sampler == "multijitter")
     # one stream per pass and seed; consecutive numbers would share passes between seeds
     seeds = np.random.SeedSequence(int(seed)).generate_state(len(passes))
 
