@@ -150,6 +150,7 @@ def render(
     enable: Iterable[str] = (),
     disable: Iterable[str] = (),
     everything: bool = False,
+    verify: bool = True,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> RenderResult:
@@ -163,6 +164,8 @@ def render(
         tolerance: how far from simulating everything: ``dE=0.5`` unless given, see ``plan``.
         plan: what ``plan`` returned for this scene, in place of a tolerance.
         enable, disable, everything: see ``plan``.
+        verify: check the planned picture against an independent estimate; where that contradicts
+            it, what explains it comes on and the picture is rendered again.
         seed: >= 0; the same seed gives the same picture.
         progress: called with samples per pixel done and in total.
 
@@ -174,7 +177,7 @@ def render(
         SimrigError: a scene that cannot be built, options that contradict each other, or a picture
             that is not finite.
     """
-    from simrig.planning import planned_render, scene_source
+    from simrig.planning import planned_render, scene_source, verified_render
     from simrig.rendering import render as rendering
 
     backend.current()
@@ -188,6 +191,9 @@ def render(
         return rendering.render(loaded, _SPP if spp is None else spp, seed, integrator, progress)
     if plan is None:
         plan = _planned(scene, tolerance, enable, disable, everything)
+    if verify:
+        picture, plan = verified_render(scene, plan, seed, progress)
+        return replace(picture, plan=plan)
     return replace(planned_render(scene, plan, seed, progress), plan=plan)
 
 

@@ -7,7 +7,9 @@ beyond the path depth use what remains of it), the other half for the noise of s
 
 from __future__ import annotations
 
+import gc
 import math
+import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -142,10 +144,9 @@ def planned_subject(
             )
         yield _in_a_variant(source, overrides, exposure)
     except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
         raise SimrigError(
-            f"the scene cannot be rendered in the variant '{mi.variant()}': {reason}"
-        ) from error
+            f"the scene cannot be rendered in the variant '{mi.variant()}': {_forgotten(error)}"
+        ) from None
     finally:
         if before is not None and mi.variant() != before:
             mi.set_variant(before)
@@ -164,21 +165,35 @@ def _in_a_variant(
     tried = [wanted]
     if source.reconstructs and overrides.of(SPECTRAL) is None and _other(wanted) != wanted:
         tried.append(_other(wanted))
-    refusal: Exception | None = None
+    refusal = ""
     for variant in tried:
         backend.select(variant) if variant in backend.VARIANTS else backend.equip()
-        with rendering.timed() as clock:
-            try:
+        try:
+            with rendering.timed() as clock:
                 subject = SceneSubject(source, exposure)
                 subject.try_out()
-            except (CannotBuildError, RuntimeError) as error:
-                refusal = refusal or error
-                continue
-        subject.seconds, subject.compile_seconds = clock.run_seconds, clock.compile_seconds
-        subject.refused = str(refusal).splitlines()[-1] if refusal else ""
-        return subject
-    assert refusal is not None
-    raise refusal
+        except CannotBuildError as error:
+            refusal = refusal or _forgotten(error)
+        except RuntimeError as error:
+            why = f"the scene cannot be rendered in the variant '{variant}': {_forgotten(error)}"
+            refusal = refusal or why
+        else:
+            subject.seconds, subject.compile_seconds = clock.run_seconds, clock.compile_seconds
+            subject.refused = refusal
+            return subject
+    raise SimrigError(refusal)
+
+
+def _forgotten(error: Exception) -> str:
+    """Return the last line of an error, and let go of the scene at which it happened.
+
+    Dr.Jit calls the methods of all objects that are alive: one that cannot be evaluated in its
+    variant, kept by a traceback, would stop every other scene of that variant.
+    """
+    reason = str(error).strip().splitlines()[-1].strip()
+    traceback.clear_frames(error.__traceback__)
+    gc.collect()
+    return reason
 
 
 def plan_subject(

@@ -98,6 +98,8 @@ class RenderResult(Shown):
         height, width = self.image.shape[:2]
         lit = bool(np.max(self.image) > 0.0)
         exposure = display_exposure(self.image) if lit else 1.0
+        if self.plan is not None:
+            exposure = float(self.plan.about["exposure"])
         facts = {
             "cost": str(self.cost),
             "error": self._error_text(),
@@ -186,9 +188,7 @@ def render(
     film = ""
     with timed() as clock:
         for pass_spp, pass_seed in zip(passes, seeds, strict=True):
-            colours, film = _pass(
-                scene, sensor, integrator, pass_spp, int(pass_seed), sampler
-            )
+            colours, film = _pass(scene, sensor, integrator, pass_spp, int(pass_seed), sampler)
             if len(passes) > 1:
                 total = total + np.float64(pass_spp / spp) * colours
             done += pass_spp
@@ -221,8 +221,13 @@ def _pass(
         spp=spp,
         seed=seed,  # type: ignore[arg-type]  # the stub knows no plain int
     )
-    to_rgb = film_colours(camera.film())
-    return to_rgb(np.array(picture)), to_rgb.note
+    return _colours(camera.film(), np.array(picture))
+
+
+def _colours(film: Any, picture: np.ndarray) -> tuple[np.ndarray, str]:
+    """Return the colours that a film recorded, and what it records where that is not RGB."""
+    to_rgb = film_colours(film)
+    return to_rgb(picture), to_rgb.note
 
 
 def made_integrator(integrator: dict[str, Any]) -> Any:
