@@ -204,7 +204,10 @@ def test_a_render_says_its_cost_and_its_error() -> None:
     assert planned.cost.compute_seconds > 0.0
     plan = sr.plan(scene, "dE=1", enable=["inter-reflection"])
     assert plan.on("inter-reflection")
-    assert sr.render(scene, plan=plan).plan is plan
+    checked = sr.render(scene, plan=plan).plan
+    assert checked.settings == plan.settings
+    assert checked.about["verification"]["checked"]
+    assert sr.render(scene, plan=plan, verify=False).plan is plan
 
 
 def test_a_btf_renders_at_its_scale(btf: sr.Btf) -> None:
