@@ -165,11 +165,13 @@ def _irradiance(survey: Survey, body: Body) -> np.ndarray:
         values = mi.traverse(light)
         kind = light.class_name()
         if kind == "DirectionalEmitter" and "irradiance.value" in values:
-            total += np.array(values["irradiance.value"], dtype=np.float64)
+            total += np.array(values["irradiance.value"], dtype=np.float64).ravel()
         elif kind == "PointLight" and "intensity.value" in values:
             away = np.maximum(np.maximum(body.low - place, place - body.high), 0.0)
             with np.errstate(divide="ignore", invalid="ignore"):
-                sent = np.array(values["intensity.value"], dtype=np.float64) / float(away @ away)
+                sent = np.array(values["intensity.value"], dtype=np.float64).ravel() / float(
+                    away @ away
+                )
             total += np.where(np.isnan(sent), np.inf, sent)
         else:
             return np.full(3, np.inf)
