@@ -277,8 +277,9 @@ def described(table: Mapping[str, Any]) -> Description:
 
 
 def _refused(kind: type[BaseModel], error: ValidationError) -> SimrigError:
-    """Return the first of a file's faults in one line."""
-    fault = error.errors(include_url=False)[0]
+    """Return one of a file's faults in one line: of a misspelt key that it is unknown."""
+    faults = error.errors(include_url=False)
+    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])
     table, keys = _place(fault["loc"])
     if fault["type"] == "extra_forbidden":
         known = _known_keys(kind, fault["loc"][:-1])

@@ -123,7 +123,8 @@ class Gonioreflectometer(Rig):
             reach = ", ".join(f"{name} {low:g} to {high:g}°" for name, (low, high) in ranges)
             raise SimrigError(
                 f"the instrument '{self.instrument.name}' does not reach theta_i, theta_v, phi_i, "
-                f"phi_v = {_in_degrees(angles[beyond][0])}; it reaches {reach}"
+                f"phi_v = {_in_degrees(angles[beyond][0])}; it reaches {reach}: lower theta_max "
+                "or choose other directions"
             )
 
     def seconds(self, plan: Plan, angles: np.ndarray) -> float:
