@@ -330,9 +330,9 @@ _BY_RBF = (
     ("rbf-local-log", "as rbf-local, of the logarithms of the values", NEIGHBOURS, True),
 )
 _BY_GANTRY = (
-    ("b", "gantry slices, linear along a Lafortune model (6.1, B)"),
-    ("a", "gantry slices, radial basis functions between polar angles (6.1, A)"),
-    ("bd", "gantry slices, displacement interpolation (6.1, BD)"),
+    ("gantry-b", "gantry slices, linear along a Minnaert model (6.1, B)"),
+    ("gantry-a", "gantry slices, radial basis functions between polar angles (6.1, A)"),
+    ("gantry-bd", "gantry slices, displacement interpolation (6.1, BD)"),
 )
 _ALL = (
     Method(
@@ -396,7 +396,7 @@ _ALL = (
     ),
     *(
         Method(
-            f"gantry-{which}",
+            which,
             about,
             partial(_from_gantry, which),
             "gantry",

@@ -59,19 +59,27 @@ def test_a_cell_is_given_a_folder_for_what_it_measures(tmp_path) -> None:
 def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
     study = btf_slices.STUDY
     config = study.presets["quick"] | TINY
-    config |= {"methods": ["b", "bd"], "spp": 2, "bounces": 1, "picture": 32, "images": [3, 2]}
+    config |= {
+        "methods": ["gantry-b", "gantry-bd"],
+        "spp": 2,
+        "bounces": 1,
+        "picture": 32,
+        "images": [3, 2],
+    }
     config |= {"rings": [[0.0, 1], [50.0, 4], [75.0, 4]], "exact_texels": 1}  # 50° between
     found = run_study(study, config, tmp_path)
     b, bd = found.summary["rows"]
-    assert (b["images"], b["method"], bd["method"]) == (168, "b", "bd")
+    assert (b["images"], b["method"], bd["method"]) == (168, "gantry-b", "gantry-bd")
     assert all(0.0 < row["delta_e"] < 50.0 and 10.0 < row["psnr"] < 60.0 for row in (b, bd))
     assert b["delta_e"] != bd["delta_e"]
     (exact,) = found.summary["exact"]
     assert exact["bd_off_mean"] < 0.2 * exact["b_off_mean"]
     costs = found.summary["costs"]
-    assert costs["all"]["images"] == 81 and costs["bd"]["hardware_seconds"] == pytest.approx(360.0)
-    assert 0.0 < costs["all"]["images_delta_e"] < costs["b"]["images_delta_e"]
-    assert costs["bd"]["bytes"] == costs["all"]["measured_bytes"] == 81 * 12 * 12 * 6
+    assert costs["all"]["images"] == 81 and costs["gantry-bd"]["hardware_seconds"] == pytest.approx(
+        360.0
+    )
+    assert 0.0 < costs["all"]["images_delta_e"] < costs["gantry-b"]["images_delta_e"]
+    assert costs["gantry-bd"]["bytes"] == costs["all"]["measured_bytes"] == 81 * 12 * 12 * 6
     assert found.summary["worst_first"] == ["leather_tan"]
     assert {file.name for file in found.files} >= {"best_and_worst.png", "texels.png", "depth.png"}
     text = shown(study, found)

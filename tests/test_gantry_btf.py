@@ -43,9 +43,9 @@ def images(rng: np.random.Generator) -> BtfStack:
 @pytest.mark.parametrize(
     ("method", "tolerance"),
     [
-        pytest.param("a", 2e-3, marks=pytest.mark.slow),
-        ("b", 2e-6),
-        ("bd", 5e-3),
+        pytest.param("gantry-a", 2e-3, marks=pytest.mark.slow),
+        ("gantry-b", 2e-6),
+        ("gantry-bd", 5e-3),
     ],
 )
 def test_each_texel_is_what_its_brdf_becomes(method, tolerance, rng) -> None:
@@ -65,8 +65,8 @@ def test_each_texel_is_what_its_brdf_becomes(method, tolerance, rng) -> None:
 
 def test_transport_one_by_one_is_that_of_the_tables(rng) -> None:
     measured, angles = images(rng), ANGLES[::7]
-    stack = reconstruct_btf(measured, "bd", angles=angles, transport="rows")
-    once = reconstruct_btf(measured, "bd", angles=angles)
+    stack = reconstruct_btf(measured, "gantry-bd", angles=angles, transport="rows")
+    once = reconstruct_btf(measured, "gantry-bd", angles=angles)
     peak = stack.values.max(axis=(0, 1, 3))
     off = np.abs(stack.values - once.values) / peak[:, None]
     assert 0.0 < off.max() < 2e-2  # several transports of one cost
@@ -75,7 +75,9 @@ def test_transport_one_by_one_is_that_of_the_tables(rng) -> None:
     assert "transport 'circle'" in once.provenance["method"]
 
 
-@pytest.mark.parametrize("method", [pytest.param("a", marks=pytest.mark.slow), "b", "bd"])
+@pytest.mark.parametrize(
+    "method", [pytest.param("gantry-a", marks=pytest.mark.slow), "gantry-b", "gantry-bd"]
+)
 def test_a_diffuser_stays_one_and_renders(method) -> None:
     measured = BtfStack(
         np.full((PLAN.samples, 2, 2, 3), 0.1, dtype=np.float32), PLAN.angles(), (1.0, 1.0)
@@ -106,7 +108,7 @@ def test_weights_are_those_of_the_fitted_model(rng) -> None:
 def test_more_thetas_follow_too() -> None:
     plan = GantryPlan.from_degrees(15, 45, 75)
     values = Gantry().measure(Lambert((0.3, 0.4, 0.5)), plan).values[:, None]
-    found = texel_method(plan, "b", ANGLES)(values)
+    found = texel_method(plan, "gantry-b", ANGLES)(values)
     np.testing.assert_allclose(found[:, 0] * np.pi, np.tile((0.3, 0.4, 0.5), (len(found), 1)))
 
 
@@ -118,8 +120,8 @@ def test_missing_images_and_other_requests_are_refused(rng) -> None:
     with pytest.raises(SimrigError, match="unknown gantry method 'c'"):
         texel_method(PLAN, "c", ANGLES)
     with pytest.raises(SimrigError, match="unknown transport of texels 'subspaces'"):
-        texel_method(PLAN, "bd", ANGLES, "subspaces")
+        texel_method(PLAN, "gantry-bd", ANGLES, "subspaces")
     with pytest.raises(SimrigError, match="ends at theta = 75 degrees and says nothing of 80"):
-        texel_method(PLAN, "b", np.radians([[80.0, 10.0, 0.0, 0.0]]))
-    with pytest.raises(SimrigError, match="use method b"):
-        texel_method(GantryPlan.from_degrees(15, 30, 45, 75), "a", ANGLES)
+        texel_method(PLAN, "gantry-b", np.radians([[80.0, 10.0, 0.0, 0.0]]))
+    with pytest.raises(SimrigError, match="use gantry-b"):
+        texel_method(GantryPlan.from_degrees(15, 30, 45, 75), "gantry-a", ANGLES)

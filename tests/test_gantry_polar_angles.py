@@ -115,7 +115,7 @@ def test_weights_reach_the_limit_of_a_constant_mean():
 def test_method_b_reproduces_a_lafortune_lobe(exponent, thetas):
     truth = Minnaert((0.3, 0.2, 0.1), exponent)
     measurement = Gantry().measure(truth, GantryPlan.from_degrees(*thetas))
-    table = reconstruct_gantry(measurement, "b", theta_step_deg=7.5, azimuths=8).brdf
+    table = reconstruct_gantry(measurement, "gantry-b", theta_step_deg=7.5, azimuths=8).brdf
     theta = table.thetas
     nodes = to_vector(theta, 0.4)
     expected = evaluate(truth, nodes[:, None], nodes[None, :])
@@ -130,7 +130,7 @@ def test_lambert_gives_lambert(method, rng):
     assert any("'sum'" in note for note in result.notes)
 
 
-@pytest.mark.parametrize("method", ["b", "bd"])
+@pytest.mark.parametrize("method", ["gantry-b", "gantry-bd"])
 def test_measured_thetas_are_kept(method):
     truth = kurt_material("fabric112")
     measurement = Gantry().measure(truth)
@@ -227,7 +227,7 @@ def test_too_large_a_transport_is_refused():
 def test_missing_transport_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ot", None)
     with pytest.raises(SimrigError, match=r"pip install 'simrig\[transport\]'"):
-        reconstruct_gantry(Gantry().measure(Lambert()), "bd", **SMALL)
+        reconstruct_gantry(Gantry().measure(Lambert()), "gantry-bd", **SMALL)
 
 
 # --- the whole -----------------------------------------------------------------------------------
@@ -235,7 +235,7 @@ def test_missing_transport_library_is_named(monkeypatch):
 
 def test_method_a_says_its_condition_and_stays_within_what_was_measured():
     measurement = Gantry().measure(kurt_material("yellow_satin"))
-    result = reconstruct_gantry(measurement, "a", **SMALL)
+    result = reconstruct_gantry(measurement, "gantry-a", **SMALL)
     assert any("condition" in note for note in result.notes)
     assert any("logarithms" in note for note in result.notes)
     low, high = measurement.values.min(axis=0), measurement.values.max(axis=0)
@@ -260,7 +260,7 @@ def test_bad_settings_are_refused(settings, message):
 
 
 def test_result_renders_in_single_precision(rng):
-    table = reconstruct_gantry(Gantry().measure(kurt_material("wood01")), "b", **SMALL).brdf
+    table = reconstruct_gantry(Gantry().measure(kurt_material("wood01")), "gantry-b", **SMALL).brdf
     wi, wv = directions(rng)
     single = evaluate(table, wi, wv, backend.types("float32").Float)
     np.testing.assert_allclose(single, evaluate(table, wi, wv), rtol=1e-4)

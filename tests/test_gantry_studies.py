@@ -28,7 +28,7 @@ def shown(study, results) -> str:
 
 
 def test_a_trial_of_lambert_has_no_error_and_the_published_cost():
-    row = gantry_trial(Lambert(), GantryPlan(), PICTURE, method="b", azimuths=8)
+    row = gantry_trial(Lambert(), GantryPlan(), PICTURE, method="gantry-b", azimuths=8)
     assert row["rmse"] < 0.01 and row["ssim"] > 0.999
     assert (row["samples"], row["hardware_minutes"]) == (168, pytest.approx(6.0))
 
@@ -65,7 +65,13 @@ def test_methods_compare_with_as_many_uniform_samples(tmp_path):
     config["table"] = {"theta_step_deg": 15.0, "azimuths": 8}
     found = run_study(study, config, tmp_path)
     samples = {row["method"]: row["samples"] for row in found.rows}
-    assert samples == {"a": 168, "b": 168, "bd": 168, "uniform": 169, "uniform_log": 169}
+    assert samples == {
+        "gantry-a": 168,
+        "gantry-b": 168,
+        "gantry-bd": 168,
+        "uniform": 169,
+        "uniform-log": 169,
+    }
     for method, gain in found.summary["gains"].items():
         means = found.summary["means"]
         assert gain["psnr"] == pytest.approx(means[method]["psnr"] - means["uniform"]["psnr"])
@@ -90,6 +96,6 @@ def test_measured_isotropic_materials_take_84_samples(tmp_path, shared_data):
     config = {**study.presets["quick"], "files": [name], "folder": str(folder)}
     found = run_study(study, config, tmp_path)
     assert [row["samples"] for row in found.rows] == [84]
-    assert found.summary["means"]["b"]["psnr"] == found.rows[0]["psnr"] > 10.0
+    assert found.summary["means"]["gantry-b"]["psnr"] == found.rows[0]["psnr"] > 10.0
     assert any(Path(file).name == "isotropic.png" for file in found.files)
     assert "24.9" in shown(study, found)

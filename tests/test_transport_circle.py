@@ -125,10 +125,10 @@ def test_a_table_needs_no_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "ot", None)
     measurement = Gantry().measure(Lambert((0.1, 0.5, 0.9)))
     settings = {"theta_step_deg": 15.0, "azimuths": 12}
-    table = reconstruct_gantry(measurement, "bd", transport="circle", **settings).brdf
+    table = reconstruct_gantry(measurement, "gantry-bd", transport="circle", **settings).brdf
     np.testing.assert_allclose(table.values[..., 1] * np.pi, 0.5, rtol=1e-6)
     with pytest.raises(SimrigError, match="needs POT"):
-        texel_method(PLAN, "bd", ANGLES, "rows")
+        texel_method(PLAN, "gantry-bd", ANGLES, "rows")
 
 
 def textured(plan, rng, texels=40):
@@ -138,7 +138,7 @@ def textured(plan, rng, texels=40):
 
 def test_texels_do_not_touch_each_other(rng):
     """A black texel stays black, and a bright one leaves its neighbours as they are."""
-    method = texel_method(PLAN, "bd", ANGLES)
+    method = texel_method(PLAN, "gantry-bd", ANGLES)
     values = textured(PLAN, rng)
     plain = method(values)
     values[:, 3] = 0.0
@@ -159,7 +159,7 @@ def test_a_slice_with_one_bright_sample_stays_within_bounds(rng):
     first = PLAN.knots().first
     values[first[6] : first[7], 1] = 0.0
     values[first[6] + 4, 1] = 7.0
-    found = texel_method(PLAN, "bd", ANGLES)(values)
+    found = texel_method(PLAN, "gantry-bd", ANGLES)(values)
     np.testing.assert_allclose(found[:, 0], 0.2, rtol=1e-9)
     assert np.all(np.isfinite(found)) and found.min() >= 0.0
     assert 1.0 < found[:, 1].max() < 50.0
@@ -181,18 +181,18 @@ def test_other_plans_keep_what_was_measured(plan, rng):
     kept = grid_angles(
         HemisphereScheme.from_rings("r", [Ring(float(t), 4) for t in np.degrees(plan.thetas)])
     )
-    b, bd = (texel_method(plan, name, kept)(values) for name in ("b", "bd"))
+    b, bd = (texel_method(plan, name, kept)(values) for name in ("gantry-b", "gantry-bd"))
     np.testing.assert_allclose(bd, b, atol=1e-5)  # azimuths are kept to 1e-6 rad
-    assert np.all(np.isfinite(texel_method(plan, "bd", ANGLES[:40])(values)))
+    assert np.all(np.isfinite(texel_method(plan, "gantry-bd", ANGLES[:40])(values)))
 
 
 def test_what_is_not_reciprocal_stays_so(rng):
     """Illumination and view exchanged in the samples are exchanged in the result only."""
     theta_i, theta_v = PLAN.angles()[:, :2].T
     values = np.repeat((np.cos(theta_i) * np.cos(theta_v) ** 2)[:, None, None], 3, axis=2)
-    found = texel_method(PLAN, "bd", ANGLES)(values)[:, 0]
+    found = texel_method(PLAN, "gantry-bd", ANGLES)(values)[:, 0]
     swapped = ANGLES[:, [1, 0, 3, 2]]
-    back = texel_method(PLAN, "bd", swapped)(values)[:, 0]
+    back = texel_method(PLAN, "gantry-bd", swapped)(values)[:, 0]
     expected = np.cos(ANGLES[:, 0]) * np.cos(ANGLES[:, 1]) ** 2
     # polar angles are kept to 1e-6 rad
     np.testing.assert_allclose(found, np.repeat(expected[:, None], 3, axis=1), rtol=1e-5)

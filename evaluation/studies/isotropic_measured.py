@@ -57,13 +57,13 @@ PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         **_COMMON,
         "files": [FILES[0], FILES[6]],
-        "methods": ["b"],
+        "methods": ["gantry-b"],
         "table": {"theta_step_deg": 15.0, "azimuths": 24},
     },
     "full": {
         **_COMMON,
         "files": list(FILES),
-        "methods": ["a", "b", "bd"],
+        "methods": ["gantry-a", "gantry-b", "gantry-bd"],
         "table": {"theta_step_deg": 7.5, "azimuths": 48},
     },
 }
@@ -107,7 +107,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.console import Group
 
     methods = list(summary["means"])
-    columns = ("material", *(method.upper() for method in methods))
+    columns = ("material", *methods)
     rows = []
     for name in dict.fromkeys(row["file"] for row in summary["rows"]):
         own = {row["method"]: row for row in summary["rows"] if row["file"] == name}
@@ -137,7 +137,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             range(len(names)),
             "os^"[number % 3],
             color=COLOURS[number],
-            label=f"method {method.upper()}",
+            label=method,
         )
     panel.axvline(summary["published"]["psnr"], color="0.6", linestyle="--", label="MERL, mean")
     panel.set_yticks(range(len(names)), [Path(name).stem for name in names])

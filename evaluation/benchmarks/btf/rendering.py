@@ -154,7 +154,7 @@ def _forms(stack: BtfStack) -> tuple[BtfStack, dict[str, SpatialBrdf]]:
     """Return the images of the gantry's slices, and all forms."""
     full = FullBtf.from_stack(stack)
     measured = gantry_images(full, GantryPlan())
-    few = reconstruct_btf(measured, "b", angles=stack.angles)
+    few = reconstruct_btf(measured, "gantry-b", angles=stack.angles)
     sliced = FactoredBtf.from_stack(few, tolerance=TOLERANCES[0])
     name = f"{len(measured)} images, {sliced.components} factors"
     return measured, {FULL: full, **_factored(stack), name: sliced}

@@ -71,7 +71,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     ]
     for method, trend in summary["psnr_by_depth_rank_correlation"].items():
         if trend is not None:
-            lines.append(f"method {method.upper()}: PSNR goes with depth by rank {trend:+.2f}")
+            lines.append(f"{method}: PSNR goes with depth by rank {trend:+.2f}")
     parts = [_error_table(summary), _cost_table(summary)]
     if summary["exact"]:
         parts.append(_exact_table(summary["exact"]))
@@ -82,7 +82,7 @@ def _error_table(summary: Mapping[str, Any]) -> Any:
     rows = []
     for row in summary["rows"]:
         depth = f"{row['depth_over_element']:.2f}"
-        rows.append([row["material"], depth, row["method"].upper(), *_both(row)])
+        rows.append([row["material"], depth, row["method"], *_both(row)])
     columns = ["material", "depth ÷ element", "method", "rendered", "single images"]
     return text_table("BTFs from 168 images: " + " / ".join(ERRORS.values()), columns, rows)
 
@@ -96,7 +96,7 @@ def _cost_table(summary: Mapping[str, Any]) -> Any:
             rows.append(["all images", *cost, "–", "–", _three(row, "images_")])
         else:
             seconds = f"{row['reconstruction_seconds']:.1f}"
-            rows.append([method.upper(), *cost, seconds, *_both(row)])
+            rows.append([method, *cost, seconds, *_both(row)])
     columns = ["", "images", "hardware", "measured [MiB]", "renders [MiB]", "processor [s]"]
     title = "What each costs, means over the materials: " + " / ".join(ERRORS.values())
     return text_table(title, [*columns, "rendered", "single images"], rows)
@@ -142,7 +142,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         found = [] if part == ", difference" else [(f"{name}, all", pictures[name, ALL + part])]
         for method in methods:
             numbers = "" if errors is None else f": {_three(of[name, method], errors)}"
-            found.append((f"{method.upper()}{numbers}", pictures[name, method + part]))
+            found.append((f"{method}{numbers}", pictures[name, method + part]))
         return found
 
     materials = list(dict.fromkeys(row["material"] for row in summary["rows"]))
@@ -174,9 +174,7 @@ def _draw_depth(summary: Mapping[str, Any], path: Path) -> None:
     for number, method in enumerate(trends):
         own = [row for row in summary["rows"] if row["method"] == method]
         depth, psnr = ([row[name] for row in own] for name in ("depth_over_element", "psnr"))
-        panel.plot(
-            depth, psnr, MARKERS[number], color=COLOURS[number], label=f"method {method.upper()}"
-        )
+        panel.plot(depth, psnr, MARKERS[number], color=COLOURS[number], label=method)
         if number == 0:
             for row in own:
                 place = (row["depth_over_element"], row["psnr"])

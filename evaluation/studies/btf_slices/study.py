@@ -66,7 +66,7 @@ _ENLARGED = 3  # of texels in pictures
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         "materials": ["satin_ivory", "corduroy_brown"],
-        "methods": ["a", "b", "bd"],
+        "methods": ["gantry-a", "gantry-b", "gantry-bd"],
         "rings": [[0.0, 1], [30.0, 5], [55.0, 6], [75.0, 6]],
         "texels": 24,
         "spp": 4,
@@ -89,7 +89,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "wood_walnut",
             "sandpaper_p60",
         ],
-        "methods": ["a", "b", "bd"],
+        "methods": ["gantry-a", "gantry-b", "gantry-bd"],
         "rings": None,  # 81 × 81
         "texels": 32,
         "spp": 8,
@@ -167,7 +167,7 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
                 f"{method}, difference", difference_image(reference, found, 10.0, exposure)
             ),
         ]
-        if method == "bd":
+        if method == "gantry-bd":
             per_texel = seconds / np.prod(truth.resolution)
             rows.append(_beside_exact(images, truth.angles, config["exact_texels"], per_texel))
     return rows
@@ -265,7 +265,7 @@ def _beside_exact(
     step = values.shape[1] / count
     values = values[:, ((np.arange(count) + 0.5) * step).astype(int)]
     start = time.process_time()
-    exact = texel_method(_PLAN, "bd", angles, "rows")(values)
+    exact = texel_method(_PLAN, "gantry-bd", angles, "rows")(values)
     seconds = (time.process_time() - start) / count
     peak, mean = exact.max(axis=(0, 2)), exact.mean(axis=(0, 2))
     row: dict[str, Any] = {
@@ -275,7 +275,7 @@ def _beside_exact(
         "batch_seconds": batch_seconds,
     }
     for name in ("bd", "b"):
-        off = np.abs(texel_method(_PLAN, name, angles)(values) - exact)
+        off = np.abs(texel_method(_PLAN, f"gantry-{name}", angles)(values) - exact)
         row[f"{name}_off_largest"] = float(np.max(off.max(axis=(0, 2)) / peak))
         row[f"{name}_off_mean"] = float(np.mean(off.mean(axis=(0, 2)) / mean))
     return row

@@ -41,7 +41,7 @@ from simrig.reconstruction.scattered.rbf import reconstruct_rbf
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.plots import COLOURS, finish_figure, new_figure
 
-UNIFORM = ("uniform", "uniform_log")
+UNIFORM = ("uniform", "uniform-log")
 # mean over ten materials, gantry minus uniform; which method is not said
 PUBLISHED_GAIN = {"delta_e": -1.4, "rmse": -3.2, "psnr": 1.8}
 _COMMON = {"azimuth_step_deg": 15.0, "methods": [*METHODS, *UNIFORM]}
@@ -82,7 +82,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     """Measure and reconstruct one material by one method, and compare."""
     truth, picture = kurt_material(cell["material"]), Picture.of(config)
     if cell["method"] in UNIFORM:
-        return [_uniform(truth, picture, config["table"], cell["method"] == "uniform_log")]
+        return [_uniform(truth, picture, config["table"], cell["method"] == "uniform-log")]
     return [gantry_trial(truth, GantryPlan(), picture, method=cell["method"], **config["table"])]
 
 
@@ -135,7 +135,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.console import Group
 
     methods = list(summary["means"])
-    columns = ("material", *(m if m in UNIFORM else m.upper() for m in methods))
+    columns = ("material", *methods)
     rows = []
     for name in summary["materials"]:
         own = {row["method"]: row for row in summary["rows"] if row["material"] == name}
@@ -149,7 +149,7 @@ def table(summary: Mapping[str, Any]) -> Any:
         + ", ".join(f"{published[error]:+.1f} {ERRORS[error]}" for error in published)
         + "; ours "
         + ", ".join(f"{gain[error]:+.1f}" for error in published)
-        for name, gain in ((m.upper(), summary["gains"][m]) for m in summary["gains"])
+        for name, gain in summary["gains"].items()
     ]
     return Group(shown, *lines)
 
@@ -162,9 +162,8 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     width = 0.8 / len(methods)
     for number, method in enumerate(methods):
         own = {row["material"]: row["psnr"] for row in rows if row["method"] == method}
-        label = method if method in UNIFORM else f"method {method.upper()}"
         places = np.arange(len(names)) + (number - 0.5 * (len(methods) - 1)) * width
-        panel.bar(places, [own[name] for name in names], width, color=COLOURS[number], label=label)
+        panel.bar(places, [own[name] for name in names], width, color=COLOURS[number], label=method)
     panel.set_xticks(range(len(names)), names, rotation=35, ha="right")
     panel.set_ylabel("PSNR [dB]  (higher is better)")
     panel.legend(frameon=False, ncols=len(methods), loc="upper left")

@@ -35,7 +35,7 @@ PAIRS = ((15, 60), (15, 75), (30, 60), (30, 75), (45, 75), (60, 75))
 PUBLISHED_ORDER = ("45/75", "30/75")  # best and second best
 
 ANISOTROPIC = ("yellow_satin", "fabric002", "fabric112", "fabric135")
-_COMMON = {"pairs": [list(pair) for pair in PAIRS], "azimuth_step_deg": 15.0, "method": "b"}
+_COMMON = {"pairs": [list(pair) for pair in PAIRS], "azimuth_step_deg": 15.0, "method": "gantry-b"}
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {

@@ -41,7 +41,7 @@ CLAIMS = (
     "15, 30, 45, 60, 75° is less than 0.5 % better than 15, 30, 52.5, 75°",
     "8 slices per subspace with four cameras take around 7 minutes",
 )
-_COMMON = {"azimuth_step_deg": 15.0, "method": "b"}
+_COMMON = {"azimuth_step_deg": 15.0, "method": "gantry-b"}
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {

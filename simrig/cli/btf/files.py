@@ -148,8 +148,7 @@ def from_slices(
     elapsed = stopwatch()
     with output_file(output, overwrite):
         with frame.progress(f"{measured.name}, {method}; texels") as report:
-            own = method.removeprefix("gantry-")
-            stack = reconstruct_btf(read_btf(measured), own, progress=report)
+            stack = reconstruct_btf(read_btf(measured), method, progress=report)
         write_btf(output, stack)
     data = described(output) | {"seconds": elapsed()}
     return frame.Report(

@@ -31,7 +31,7 @@ from simrig.reconstruction.transport.grid import (
     transport_subspaces,
 )
 
-METHODS = ("a", "b", "bd")
+METHODS = ("gantry-a", "gantry-b", "gantry-bd")
 TRANSPORTS: dict[str, Blend] = {
     "rows": transport_rows,
     "subspaces": transport_subspaces,
@@ -56,7 +56,7 @@ class GantryReconstruction:
 
 def reconstruct_gantry(
     measurement: MeasuredByGantry,
-    method: str = "b",
+    method: str = "gantry-b",
     *,
     theta_step_deg: float = 7.5,
     azimuths: int = 48,
@@ -91,7 +91,7 @@ def reconstruct_gantry(
             f"a table of {azimuths} azimuths and polar angle steps {theta_step_deg:g}° cannot be: "
             "at least 2 azimuths and steps from 0.5 to 90 degrees are needed"
         )
-    if method == "bd" and transport != "circle":
+    if method == "gantry-bd" and transport != "circle":
         transport_library()
     plan = measured_plan(measurement)
     known = np.array(plan.thetas)
@@ -99,14 +99,14 @@ def reconstruct_gantry(
     combination = combination or default_combination(plan)
     settings = (combination, interpolation)
     notes = [f"slices combined by '{combination}'"]
-    if method == "a":
+    if method == "gantry-a":
         values, found = _by_rbf(measurement, wanted, azimuths, settings)
         notes += found
     else:
-        blend = linear if method == "b" else TRANSPORTS[transport]
+        blend = linear if method == "gantry-b" else TRANSPORTS[transport]
         measured = subspaces(plan, measurement.values, azimuths, *settings)
         values = fill_thetas(measured, known, wanted, blend)
-    name = f"{measurement.material} from {plan.samples} gantry samples, method {method.upper()}"
+    name = f"{measurement.material} from {plan.samples} gantry samples, {method}"
     table = DenseTable(values.astype(np.float32), wanted[1], wanted[-1], name=name)
     return GantryReconstruction(table, tuple(notes))
 

@@ -23,7 +23,7 @@ _NAMED = 4  # missing images that an error lists
 
 def reconstruct_btf(
     measured: BtfStack,
-    method: str = "b",
+    method: str = "gantry-b",
     *,
     plan: GantryPlan | None = None,
     angles: np.ndarray | None = None,
@@ -34,7 +34,7 @@ def reconstruct_btf(
 
     Args:
         measured: has, among others perhaps, the images of the plan, in any order.
-        method: of the gantry: ``"a"``, ``"b"`` or ``"bd"``.
+        method: of the gantry: ``"gantry-a"``, ``"gantry-b"`` or ``"gantry-bd"``.
         plan: by default the thesis's with 168 images.
         angles: theta_i, theta_v, phi_i, phi_v of the wanted pairs in radians, (pairs, 4); all of
             81 × 81 directions by default.
@@ -49,7 +49,7 @@ def reconstruct_btf(
     numbers = planned_images(measured, plan)
     reconstruct = texel_method(plan, method, angles, transport)
     stack = sliced_stack(measured, numbers, reconstruct, angles, progress)
-    how = f"method BD, transport '{transport}'" if method == "bd" else f"method {method.upper()}"
+    how = f"{method}, transport '{transport}'" if method == "gantry-bd" else method
     made = {"method": f"gantry, {how}, {plan.describe()}"}
     return replace(stack, provenance={**stack.provenance, **made})
 

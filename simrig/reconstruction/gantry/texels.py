@@ -41,7 +41,7 @@ def texel_method(
 
     Args:
         plan: where the samples were taken.
-        method: ``"a"``, ``"b"`` or ``"bd"``.
+        method: ``"gantry-a"``, ``"gantry-b"`` or ``"gantry-bd"``.
         angles: theta_i, theta_v, phi_i, phi_v of the wanted pairs in radians, (pairs, 4); none
             steeper than the plan's highest polar angle.
         transport: for method BD, of ``TEXEL_TRANSPORTS``: ``"circle"``, all texels at once, or
@@ -61,9 +61,9 @@ def texel_method(
         raise SimrigError(
             f"the plan ends at theta = {highest:g} degrees and says nothing of {asked:g} degrees"
         )
-    if method == "a":
+    if method == "gantry-a":
         return _by_rbf(plan, angles)
-    if method == "b":
+    if method == "gantry-b":
         return lambda values: _by_thetas(plan, wanted, values)
     if transport == "rows":
         transport_library()
@@ -80,7 +80,7 @@ def _by_rbf(plan: GantryPlan, angles: np.ndarray) -> TexelMethod:
     if count > MOST_GLOBAL_NODES:
         raise SimrigError(
             f"method A takes up to {MOST_GLOBAL_NODES} nodes for the texels of a BTF, this plan "
-            f"makes {count}: use method b"
+            f"makes {count}: use gantry-b"
         )
     weights = _spline_weights(plan.thetas, np.ascontiguousarray(angles).tobytes())
 
