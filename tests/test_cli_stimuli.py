@@ -98,7 +98,7 @@ def test_directions_are_named_as_for_a_measurement() -> None:
     for name in ("81x81", "hemisphere_81"):
         np.testing.assert_array_equal(named_scheme(name).vectors(), hemisphere_81().vectors())
     assert len(named_scheme("7")) == len(uniform_scheme(7))
-    with pytest.raises(SimrigError, match=r"unknown directions '80x80'.*81x81"):
+    with pytest.raises(SimrigError, match=r"unknown scheme '80x80'.*81x81"):
         named_scheme("80x80")
 
 

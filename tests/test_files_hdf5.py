@@ -188,18 +188,11 @@ def rename(attributes: h5py.AttributeManager, names: dict[str, str]) -> None:
 
 def test_files_of_version_0_1_still_open(tmp_path: Path, measured: Callable[..., Any]) -> None:
     """Written as version 0.1 named things: ``elevation_step``, ``reflectance``."""
-    scan = measured()
-    scan.save(tmp_path / "scan.h5")
-    slices = reconstruct(scan)
+    slices = reconstruct(measured())
     hdf5.write_brdf(tmp_path / "slices.h5", slices)
-    with h5py.File(tmp_path / "scan.h5", "r+") as file:
-        rename(file.attrs, {"theta_step": "elevation_step"})
     with h5py.File(tmp_path / "slices.h5", "r+") as file:
         file.attrs["content"] = "reflectance"
         rename(file["structure"].attrs, {"theta_step": "elevation_step"})
-    again = type(scan).load(tmp_path / "scan.h5")
-    np.testing.assert_array_equal(again.values, scan.values)
-    assert again.plan.placement == scan.plan.placement
     assert hdf5.content_of(tmp_path / "slices.h5") == "brdf"
     back = hdf5.read_brdf(tmp_path / "slices.h5")
     for name, array in slices.data().items():

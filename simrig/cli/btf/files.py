@@ -10,9 +10,8 @@ import typer
 from simrig.cli import frame
 from simrig.cli.outputs import output_file, output_folder
 from simrig.core.cost import stopwatch
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError
 
-_GANTRY_METHODS = ("gantry-a", "gantry-b", "gantry-bd")
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
 
@@ -143,8 +142,6 @@ def from_slices(
     from simrig.files.btf.hdf5 import read_btf, write_btf
     from simrig.reconstruction.gantry.btf import reconstruct_btf
 
-    if method not in _GANTRY_METHODS:
-        raise unknown_name("method", method, _GANTRY_METHODS)
     elapsed = stopwatch()
     with output_file(output, overwrite):
         with frame.progress(f"{measured.name}, {method}; texels") as report:
