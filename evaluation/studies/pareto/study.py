@@ -52,6 +52,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         **_STUDIED,
         "materials": ["fabric112"],
         "methods": [
+            "auto",
             "slices",
             "along-highlights",
             "barycentric",
