@@ -113,7 +113,13 @@ def share(bsdf: Any, name: str) -> tuple[dict, Any]:
 
     A dictionary becomes one entry of the scene to which shapes refer, so that its data are there
     once and are listed under ``name``; an object is its own reference.
+
+    Raises:
+        SimrigError: a list or a text, which no shape takes.
     """
+    if isinstance(bsdf, str | list | tuple):
+        kind = type(bsdf).__name__
+        raise SimrigError(f"a shape takes one Mitsuba BSDF or its dictionary, got a {kind}")
     if isinstance(bsdf, dict):
         return {name: bsdf}, {"type": "ref", "id": name}
     return {}, bsdf

@@ -52,6 +52,8 @@ def load(source: str | Path, *, clamp_negative: bool = False, **stated: Any) -> 
         SimrigError: no such name or file, with the nearest known name; a file that holds neither a
             material nor a measurement, with what it holds; a damaged file.
     """
+    if not isinstance(source, str | Path):
+        raise SimrigError(f"a name or a file is needed, got {_kind(source)}")
     name, path = str(source), Path(source)
     if name in PRESETS and not path.exists():
         return build_tile(name)

@@ -63,6 +63,8 @@ def measure(
         if samples is not None or options:
             raise SimrigError("a plan has its own samples and options: give its name instead")
         chosen = plan
+    elif plan is not None and not isinstance(plan, str):
+        raise SimrigError(f"a plan or the name of one is needed, got {type(plan).__name__}")
     else:
         chosen = make_plan(plan or device.default_plan, brdf, samples=samples, **options)
     allowed = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -53,6 +54,8 @@ def scene(
             be; a material that does not load or lacks its scale.
     """
     backend.current()
+    if not isinstance(rotation, int | float) or not math.isfinite(rotation):
+        raise SimrigError(f"rotation is a finite number of degrees, got {rotation!r}")
     if isinstance(material, Mapping) and "type" not in material:
         made: Any = {part: _bsdf(one, rotation, scale) for part, one in material.items()}
     elif isinstance(material, Sequence) and not isinstance(material, str):

@@ -88,6 +88,9 @@ def stimulus_of(
     """
     if stimulus not in STIMULI:
         raise unknown_name("stimulus", stimulus, STIMULI)
+    for name, count in (("spp", spp), ("texels", texels)):
+        if count is not None and not (isinstance(count, int) and count >= 1):
+            raise SimrigError(f"{name} must be a whole number >= 1, got {count!r}")
     picture = isinstance(material, np.ndarray) or (
         isinstance(material, str | Path) and names_picture(material)
     )
@@ -134,7 +137,7 @@ def _flat(
         return btf_stimulus(material), element_of_preset(material.name)
     if isinstance(material, Tile):
         backend.current()
-        return tile_stimulus(material, spp=spp or 256), material.element_mm
+        return tile_stimulus(material, spp=256 if spp is None else spp), material.element_mm
     if size_mm is None:
         raise SimrigError("a picture needs its width")
     if isinstance(material, np.ndarray):
@@ -148,5 +151,5 @@ def _cylinder(
     backend.current()
     if isinstance(material, BtfStack):
         return cylinder_stimulus(material), element_of_preset(material.name)
-    stack = measured_upright(material, texels, spp or 16)
+    stack = measured_upright(material, texels, 16 if spp is None else spp)
     return cylinder_stimulus(stack), material.element_mm

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simrig.brdf.protocol import Brdf
-from simrig.core.errors import unknown_name
+from simrig.core.errors import SimrigError, unknown_name
 from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.base import Study
 from simrig.evaluation.studies.engine.run import StudyResults, run_study
@@ -47,7 +47,9 @@ def pareto(
     Raises:
         SimrigError: unknown materials or methods, no samples, a folder of another configuration.
     """
-    items = [materials] if isinstance(materials, Brdf | str | Path) else list(materials)
+    items = [materials] if isinstance(materials, Brdf | str | Path) else materials
+    if not isinstance(items, Sequence) or not all(isinstance(i, Brdf | str | Path) for i in items):
+        raise SimrigError("materials are BRDFs, their names or their files, one or a list of them")
     names = [_named(item) for item in items]
     config = pareto_study.configuration(names, methods, samples)
     place = Path(folder) if folder is not None else pareto_folder(config)

@@ -173,10 +173,8 @@ def render(
     scene = load(scene)
     camera = scene.sensors()[sensor]
     spp = camera.sampler().sample_count() if spp is None else spp
-    if spp != int(spp) or spp < 1:
-        raise SimrigError(f"spp must be a whole number >= 1, got {spp}")
-    if seed != int(seed) or seed < 0:
-        raise SimrigError(f"the seed must be a whole number >= 0, got {seed}")
+    _check_whole("spp", spp, least=1)
+    _check_whole("the seed", seed, least=0)
     integrator, name = _integrator(integrator, scene)
     width, height = camera.film().crop_size()
     passes = _passes(int(spp), int(width * height), samples_per_pass, sampler == "multijitter")
@@ -237,6 +235,15 @@ def made_integrator(integrator: dict[str, Any]) -> Any:
         SimrigError: Mitsuba cannot build it.
     """
     return _load_dict(integrator, "integrator")
+
+
+def _check_whole(what: str, value: Any, least: int) -> None:
+    try:
+        whole = value == int(value) and value >= least
+    except (TypeError, ValueError, OverflowError):
+        whole = False
+    if not whole:
+        raise SimrigError(f"{what} must be a whole number >= {least}, got {value!r}")
 
 
 def _integrator(integrator: Any, scene: Any) -> tuple[Any, str]:
