@@ -187,16 +187,9 @@ def direct() -> dict:
 def all_lights(shadows: bool = False) -> dict:
     """Return the integrator that adds up many delta lights.
 
-    In scalar variants, where Mitsuba cannot run an integrator written in Python, one light is
-    picked per sample, and there are always shadows.
-
     Args:
         shadows: one convex object needs none: the cosine says which lights it hides from itself.
     """
-    import mitsuba as mi
-
-    if "scalar" in str(mi.variant()):
-        return direct()
     return {"type": "simrig_all_lights", "shadows": shadows}
 
 

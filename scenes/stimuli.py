@@ -174,8 +174,7 @@ def environment_sphere(
     """Return a sphere in an environment given as N directional lights (thesis Fig. 5.9).
 
     The scene holds N ``directional`` emitters, which any integrator can render; its own,
-    ``simrig_all_lights``, adds up all of them at every point and so has no noise. It needs an
-    LLVM or CUDA variant; in a scalar one the scene falls back to ``direct``, which is noisy.
+    ``simrig_all_lights``, adds up all of them at every point and so has no noise.
 
     Args:
         bsdf: a Mitsuba BSDF or its dictionary.

@@ -124,8 +124,8 @@ class Ward(Brdf):
         return {
             "k_d": self.k_d,
             "k_s": self.k_s,
-            "m_x": np.asarray(self.m_x),
-            "m_y": np.asarray(self.m_y),
+            "m_x": read_only(self.m_x),
+            "m_y": read_only(self.m_y),
         }
 
     def structure(self) -> dict[str, Any]:
@@ -220,10 +220,10 @@ class Kurt(Brdf):
             raise SimrigError("the Kurt model needs at least one lobe")
 
     def data(self) -> Mapping[str, np.ndarray]:
-        data = {"k_d": np.asarray(self.k_d, dtype=np.float64)}
+        data = {"k_d": read_only(self.k_d, np.float64)}
         for index, lobe in enumerate(self.lobes, start=1):
             for key in _LOBE_FIELDS:
-                data[f"lobe_{index}_{key}"] = np.asarray(getattr(lobe, key), dtype=np.float64)
+                data[f"lobe_{index}_{key}"] = read_only(getattr(lobe, key), np.float64)
         return data
 
     def structure(self) -> dict[str, Any]:

@@ -44,7 +44,7 @@ class Minnaert(Brdf):
         self.exponent, self.name = float(exponent), name
 
     def data(self) -> Mapping[str, np.ndarray]:
-        return {"k": self.k, "exponent": np.asarray(self.exponent)}
+        return {"k": self.k, "exponent": read_only(self.exponent)}
 
     def look_up(self, wi: Array, wv: Array, tables: Mapping[str, Array]) -> Array:
         z_i, z_v = components(wi)[2], components(wv)[2]

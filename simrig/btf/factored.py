@@ -165,7 +165,7 @@ class FactoredBtf(SpatialBrdf):
 
     def data(self) -> Mapping[str, np.ndarray]:
         return {
-            "gain": np.ones(3),
+            "gain": read_only(np.ones(3)),
             "mean": self._mean,
             "basis": self._basis,
             "coefficients": self._coefficients,

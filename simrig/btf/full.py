@@ -91,7 +91,7 @@ class FullBtf(SpatialBrdf):
         return int(self._packed.nbytes)
 
     def data(self) -> Mapping[str, np.ndarray]:
-        return {"gain": np.ones(3)}
+        return {"gain": read_only(np.ones(3))}
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _FullTables:
         kind = float_type(data["gain"])

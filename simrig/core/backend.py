@@ -185,11 +185,17 @@ def equip() -> str:
 
 
 def current() -> str:
-    """Return the Mitsuba variant that is set; the automatic one is set when there is none."""
+    """Return the Mitsuba variant that is set; the automatic one is set when there is none.
+
+    Raises:
+        SimrigError: a scalar variant is set.
+    """
     import mitsuba as mi
 
     if mi.variant() is None:
         return select()
+    if str(mi.variant()).startswith("scalar"):
+        raise SimrigError(scalar_problem(str(mi.variant())))
     importlib.import_module("simrig.plugins")  # it may be the first of ours that is used
     return str(mi.variant())
 

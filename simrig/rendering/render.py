@@ -127,8 +127,7 @@ def load(scene: Any) -> Any:
     Raises:
         SimrigError: Mitsuba cannot build it (unknown plugin, bad parameter), in one line.
     """
-    if mi.variant() is None:
-        backend.select()
+    backend.current()
     return _load_dict(scene, "scene") if isinstance(scene, dict) else scene
 
 
@@ -376,8 +375,6 @@ def timed() -> Iterator[Clock]:
 
 def _note_kernels() -> None:
     """Add the kernels since the last call to the innermost clock; forget them without one."""
-    if "scalar" in str(mi.variant()):
-        return
     for kernel in dr.kernel_history():
         if _running:
             clock = _running[-1]

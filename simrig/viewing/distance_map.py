@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from simrig.core import backend
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.images import encode_srgb
 from simrig.plugins.make import building
@@ -88,8 +89,7 @@ def distance_map(
             positive, no camera, or a scalar variant.
     """
     loaded = load_as_written(scene)
-    if "scalar" in str(mi.variant()):
-        raise SimrigError("distance maps need an LLVM or CUDA variant, not a scalar one")
+    backend.current()
     if not loaded.sensors():
         raise SimrigError("the scene has no camera: add a sensor")
     values = {"metres per unit": metres_per_unit, **critical_m}

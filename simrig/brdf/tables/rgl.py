@@ -143,6 +143,8 @@ class RglBrdf(Brdf):
         light, view = self._fold(components(wi), components(wv))
         xp = namespace(light[0])
         theta, phi = _angles(*view)
+        if self.symmetry > 1:  # y <= 0 after folding: Dr.Jit's azimuth of (-1, -0) is π, not -π
+            phi = -xp.abs(phi)
         theta_m, phi_m = _angles(*(a + b for a, b in zip(light, view, strict=True)))
         x = theta_to_unit(theta_m)
         y = azimuth_to_unit(phi_m - phi if self.isotropic else phi_m)
@@ -167,7 +169,6 @@ class RglBrdf(Brdf):
         flip_y = xp.select(view[1] >= 0.0, -1.0, 1.0)
         flip_x = xp.select(view[0] >= 0.0, -1.0, 1.0) if self.symmetry == 4 else flip_y
         folded_x = -xp.abs(view[0]) if self.symmetry == 4 else view[0] * flip_x
-        # -|y| and not y · flip: a positive zero would have the azimuth π instead of -π
         return (light[0] * flip_x, light[1] * flip_y, light[2]), (
             folded_x,
             -xp.abs(view[1]),
@@ -203,9 +204,10 @@ def azimuth_to_unit(phi: Array) -> Array:
 
 
 def _angles(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """Return theta and phi in [-π, π] of a vector of any length."""
+    """Return theta and phi in [-π, π] of a vector of any length; phi is 0 at the pole."""
     xp = namespace(x)
-    return xp.atan2(xp.sqrt(x * x + y * y), z), xp.atan2(y, x)
+    # NumPy and Dr.Jit disagree on the azimuth of (-0, ±0): adding 0 turns -0 into 0
+    return xp.atan2(xp.sqrt(x * x + y * y), z), xp.atan2(y, x + 0.0)
 
 
 def _check_nodes(what: str, nodes: tuple[float, ...]) -> None:
