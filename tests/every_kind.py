@@ -22,10 +22,12 @@ from simrig.btf.factored import FactoredBtf
 from simrig.btf.full import FullBtf
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
-from simrig.directions.schemes import scheme, uniform_scheme
+from simrig.directions.schemes import scheme
 from simrig.evaluation.experiment.measured_half import MeasuredHalf
 from simrig.files.rgl.reader import read_rgl
 from simrig.files.rgl.writer import RglResolution, write_rgl
+from simrig.plans.along_slices import SlicePlan
+from simrig.plans.listed import SchemePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
@@ -47,11 +49,12 @@ def _along_slices(slice_types: str = "all", **options: bool) -> SliceBrdf:
 
 def _slice_measurement(slice_types: str):
     placement = SlicePlacement.from_degrees(25.0, 90.0, 75.0)
-    return RIG.measure(kurt_material(_MATERIAL), placement, 400, slice_types=slice_types)
+    plan = SlicePlan(placement, 400, slice_types=slice_types)
+    return RIG.measure(kurt_material(_MATERIAL), plan)
 
 
 def _pairs(name: str = _MATERIAL):
-    return RIG.measure_scheme(kurt_material(name), uniform_scheme(1))
+    return RIG.measure(kurt_material(name), SchemePlan.of(scheme("uniform_1")))
 
 
 def _rgl(brdf: Brdf) -> Brdf:
@@ -101,11 +104,11 @@ KINDS: dict[str, Callable[[], Brdf]] = {
     "rbf_one_way": lambda: reconstruct_rbf(_pairs(), reciprocal=False, logarithms=True).brdf,
     "rbf_local": lambda: reconstruct_rbf(_pairs(), 10).brdf,
     "slices": _along_slices,
-    "slices_axial_diagonal": lambda: _along_slices("axial_diagonal"),
+    "slices_axial_diagonal": lambda: _along_slices("axial-diagonal"),
     "slices_many_poles": lambda: _along_slices(one_pole=False),
     "highlight_slices": lambda: reconstruct_along_highlights(_slice_measurement("all")),
     "highlight_slices_axial_diagonal": lambda: reconstruct_along_highlights(
-        _slice_measurement("axial_diagonal")
+        _slice_measurement("axial-diagonal")
     ),
     "measured_half": lambda: MeasuredHalf(_along_slices()),
     "btf_full": lambda: FullBtf.from_stack(_stack()),

@@ -29,19 +29,20 @@ from simrig.directions.schemes import scheme
 from simrig.files.rgl.reader import read_rgl
 from simrig.files.rgl.writer import RglResolution, write_rgl
 from simrig.methods import METHODS
-from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 WHITE = 1.0 / np.pi
 VIEWS_DEG = (0.0, 35.0, 65.0)
-RIG = Gonioreflectometer()
 # what does not keep a constant exactly, and by how much: full BTFs are packed, factors bfloat16,
 # RGL's tables are a density, the Minnaert model of gantries is fitted
 ROUNDED = {"btf_full": 2e-4, "btf_factored": 1e-2, "rgl": 2e-2}
-ROUNDED |= {"gantry_b": 2e-3, "gantry_bd": 2e-3}
+ROUNDED |= {"gantry-b": 2e-3, "gantry-bd": 2e-3}
+# coarse grids of visible normals hold 0 where a node's light is below the horizon: 600 samples lose
+# 5 % of a white furnace
+ROUNDED |= {"visible-normals": 0.06}
 # an error averaged over the azimuths of the view, held against the excess at one of them
 MARGIN = 1.3
 SAMPLING = 0.02  # of means over 4,000 pairs
-SLOW = ("auto", "rbf_local", "rbf_local_log", "gantry_a")
+SLOW = ("auto", "rbf-local", "rbf-local-log", "gantry-a")
 
 
 def albedos(brdf: Brdf, views_deg=VIEWS_DEG) -> np.ndarray:
@@ -107,7 +108,7 @@ TRUTHS = {"white": Lambert((1, 1, 1)), "fabric112": kurt_material("fabric112"), 
 def made(name: str, material: str) -> Brdf:
     """Return what a method makes of a material from few samples."""
     method = METHODS[name]
-    return method.run(RIG, TRUTHS[material], max(method.least_samples, 600)).brdf
+    return method.run(TRUTHS[material], max(method.least_samples, 600)).brdf
 
 
 @pytest.mark.parametrize("name", of_methods())

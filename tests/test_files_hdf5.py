@@ -193,6 +193,7 @@ def test_files_of_version_0_1_still_open(tmp_path: Path, measured: Callable[...,
     with h5py.File(tmp_path / "slices.h5", "r+") as file:
         file.attrs["content"] = "reflectance"
         rename(file["structure"].attrs, {"theta_step": "elevation_step"})
+        file["data"].move("intersections", "corners")
     assert hdf5.content_of(tmp_path / "slices.h5") == "brdf"
     back = hdf5.read_brdf(tmp_path / "slices.h5")
     for name, array in slices.data().items():

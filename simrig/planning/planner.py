@@ -132,11 +132,6 @@ def planned_subject(
     try:
         source = scene_source_in(scene, variant, sensor)
         first = backend.current()
-        if first.startswith("scalar"):
-            raise SimrigError(
-                f"'{first}' traces one ray at a time, too slow for a look at a scene: plan in an "
-                "llvm or cuda variant, or render with --spp and --integrator"
-            )
         if "polarized" in first:
             raise SimrigError(
                 f"'{first}' is not planned: plan in a variant without polarisation, or render "
