@@ -28,6 +28,13 @@ def declaring(collect: Callable[[], Declarers]) -> type[TyperCommand]:
     """
 
     class Declaring(TyperCommand):
+        def format_help(self, ctx: Any, formatter: Any) -> None:
+            """Show the command's help, with what there is to choose from."""
+            listed = "\n\n".join(_listing(what, those) for what, those in collect().items())
+            self.help, own = f"{self.help}\n\n{listed}", self.help
+            super().format_help(ctx, formatter)
+            self.help = own
+
         def get_params(self, ctx: Any) -> list[Any]:
             """Return the command's own parameters and the declared ones, made once."""
             if _KEY not in ctx.meta:
@@ -49,6 +56,10 @@ def given_options(context: typer.Context, declarers: Iterable[Declares]) -> dict
     known = {option.name for one in declarers for option in one.options}
     given = {name: value for name, value in context.meta[_KEY].items() if value is not None}
     return {name: value for name, value in given.items() if name in known}
+
+
+def _listing(what: str, those: Iterable[Declares]) -> str:
+    return "\n".join([f"Of --{what}:", *(f"- {one.name}: {one.about}" for one in those)])
 
 
 def _parameters(declarers: Declarers) -> list[Any]:

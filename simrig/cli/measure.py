@@ -52,10 +52,8 @@ def measure(
 ) -> frame.Report:
     """Measure a material with a rig, by a plan of directions.
 
-    Rigs: gonioreflectometer, which measures adaptively along slices unless --plan says otherwise,
-    and gantry. Plans: slices, auto, visible-normals, uniform, regular-grid, scheme, gantry,
-    directions. Rigs and plans have options of their own, below; one that the chosen ones do not
-    have is refused.
+    Rigs and plans have options of their own, below; one that the chosen ones do not have is
+    refused.
 
     Which effects of the rig are simulated follows from the tolerance (dE=0.5 unless given): those
     that could change the measured values by more together. The choice is kept in the measurement.

@@ -83,10 +83,12 @@ class Option:
 
 
 class Declares(Protocol):
-    """What has a name and declares options."""
+    """What has a name, says in one line what it is, and declares options."""
 
     @property
     def name(self) -> str: ...
+    @property
+    def about(self) -> str: ...
     @property
     def options(self) -> tuple[Option, ...]: ...
 
