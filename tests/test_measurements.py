@@ -98,7 +98,7 @@ def test_every_plan_is_measured_saved_and_restored(
     material = kurt_material("wood01")
     plan = make_plan(name, material, **PLAN_OPTIONS.get(name, {}))
     measured = RIG.measure(material, plan)
-    assert len(measured) == plan.samples == measured.cost.samples
+    assert 0 < len(measured) == measured.cost.samples <= plan.samples
     assert measured.angles[:, :2].max() <= plan.theta_max + 1e-9
     measured.save(tmp_path / "m.h5")
     again = Measurement.load(tmp_path / "m.h5")
@@ -107,7 +107,7 @@ def test_every_plan_is_measured_saved_and_restored(
     assert again.provenance == measured.provenance
     assert method_for(again) is METHODS[method_for(measured).name]
     probed = RIG.measure(material, plan.probe(100))
-    assert len(probed) <= max(len(measured), 700)
+    assert 0 < len(probed) <= max(len(measured), 700)
 
 
 @pytest.mark.parametrize("name", QUICK_PLANS)
