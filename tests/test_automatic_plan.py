@@ -10,6 +10,7 @@ from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.protocol import Brdf
 from simrig.core.arrays import components, scale, vector
 from simrig.core.errors import SimrigError
+from simrig.directions.half_difference import to_half_difference
 from simrig.directions.spherical import to_vector
 from simrig.methods import METHODS
 from simrig.plans.auto.batches import travel_order
@@ -143,6 +144,7 @@ def test_small_budgets_are_kept_exactly(samples):
     assert error(kurt_material("wood01"), made) < 60.0
 
 
+@pytest.mark.slow
 def test_anisotropic_materials_are_measured_well(tmp_path):
     satin = kurt_material("purple_satin")
     measured = Gonioreflectometer().measure(satin, AutomaticPlan(600))
@@ -152,6 +154,30 @@ def test_anisotropic_materials_are_measured_well(tmp_path):
     measured.save(tmp_path / "m.h5")
     again = Measurement.load(tmp_path / "m.h5")
     assert found(again).symmetry == Symmetry(False, True, True, True)
+
+
+@pytest.mark.slow
+def test_retro_reflection_is_found_and_kept():
+    class Tape(Brdf):
+        """Sends light back within two degrees."""
+
+        name = "tape"
+
+        def data(self):
+            return {"colour": np.array([0.05, 0.05, 0.05])}
+
+        def look_up(self, wi, wv, tables):
+            back = to_half_difference(wi, wv).theta_d
+            lobe = 20.0 * np.exp(-((back / np.radians(1.5)) ** 2))
+            return 0.05 + scale(np.ones_like(wi), lobe)
+
+    tape = Tape()
+    assert described(tape).retro > 100.0
+    measured = Gonioreflectometer().measure(tape, AutomaticPlan(500))
+    made = reconstruct_kriging(measured).brdf
+    theta = np.radians([[20.0, 20.0], [19.0, 21.0], [50.0, 50.0], [30.0, 60.0]])
+    wi, wv = to_vector(theta[:, 0], 0.3), to_vector(theta[:, 1], 0.3)
+    assert made.eval(wi, wv) == pytest.approx(tape.eval(wi, wv), rel=0.2)
 
 
 def test_a_pilot_that_was_wrong_is_overruled():

@@ -9,8 +9,14 @@ from scipy.linalg import solve
 
 from simrig.brdf import KURT_MATERIALS, Lambert, evaluate, kurt_material
 from simrig.brdf.kriging.choice import choose_model, left_out_error
-from simrig.brdf.kriging.coordinates import Stretch, half_difference_angles
-from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, shown
+from simrig.brdf.kriging.coordinates import (
+    BACK,
+    EVEN,
+    Stretch,
+    half_difference_angles,
+    stretch_of_theta_d,
+)
+from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs, shown
 from simrig.brdf.kriging.local import covariance, kriging_weights, predict
 from simrig.brdf.kriging.model import Samples, fit_model
 from simrig.brdf.kriging.predicted import predicted_delta_e
@@ -44,7 +50,10 @@ def random_table(symmetry: Symmetry) -> HalfDifferenceTable:
     shape = (9, 1 if symmetry.isotropic else 6, 5, 6)
     logs = np.random.default_rng(1).normal(size=(*shape, 3)) - 2.0
     power = 0 if symmetry.reciprocal else 1
-    return HalfDifferenceTable(logs, symmetry, Stretch(0.1, 0.3), 1e-3, power, REACH, "random")
+    stretches = Stretch(0.1, 0.3), Stretch(0.2, 0.6)
+    return HalfDifferenceTable(
+        logs, symmetry, stretches[0], 1e-3, power, REACH, "random", stretches[1]
+    )
 
 
 def test_weights_are_those_of_the_dense_system():
@@ -104,7 +113,7 @@ def test_a_table_has_the_symmetries_that_it_states(symmetry):
 @pytest.mark.parametrize("symmetry", SYMMETRIES, ids=lambda s: s.describe())
 def test_a_table_reads_its_nodes_and_survives_a_file(symmetry, tmp_path):
     table = random_table(symmetry)
-    axes = node_angles(table.logs.shape[:4], symmetry, table.stretch)
+    axes = node_angles(table.logs.shape[:4], symmetry, table.stretch, table.stretch_d)
     grid = np.meshgrid(*axes, indexing="ij")
     wi, wv = from_half_difference(grid[0], grid[1] + symmetry.axis, grid[2], grid[3])
     inside = (wi[..., 2] > 0.05) & (wv[..., 2] > 0.05) & (grid[0] > 0.0) & (grid[2] > 0.0)
@@ -198,6 +207,25 @@ def test_a_tabulated_model_is_near_the_model():
     off = np.abs(np.log((table.eval(wi, wv) + floor) / (direct + floor)))
     assert off.mean() < 0.005
     assert off.max() < 0.1
+
+
+def test_lobes_are_looked_at_closely_and_within_reach():
+    wi, wv = lobe_pairs(400, REACH, 2)
+    at = to_half_difference(wi, wv)
+    assert min(wi[:, 2].min(), wv[:, 2].min()) > np.cos(REACH) - 1e-9
+    for angle in (at.theta_h, at.theta_d):
+        assert np.sum(angle < np.radians(1.0)) > 50
+
+
+def test_light_that_goes_back_stretches_theta_d():
+    wi, wv = lobe_pairs(200, REACH, 3)
+    angles = half_difference_angles(wi, wv)
+    body = np.full((200, 3), 0.1)
+    back = body + 5.0 * np.exp(-((angles[:, 2:3] / np.radians(1.5)) ** 2))
+    highlight = body + 5.0 * np.exp(-((angles[:, :1] / 0.3) ** 2))
+    assert stretch_of_theta_d(angles, back) == BACK
+    assert stretch_of_theta_d(angles, body) == EVEN
+    assert stretch_of_theta_d(angles, highlight) == EVEN
 
 
 def test_what_is_shown_falls_with_light_that_is_there_anyway():

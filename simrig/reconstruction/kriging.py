@@ -83,7 +83,8 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
     """Return a table of a model; blocks of 2 × 2 × 2 × 2 nodes share their neighbours."""
     symmetry, stretch = model.symmetry, model.coordinates.stretch
     shape = table_shape(symmetry, len(model.samples))
-    axes = node_angles(shape, symmetry, stretch)
+    stretch_d = model.coordinates.stretch_d
+    axes = node_angles(shape, symmetry, stretch, stretch_d)
     first = np.meshgrid(*(np.arange(0, count, 2) for count in shape), indexing="ij")
     corners = [c for c in product((0, 1), repeat=4) if not (symmetry.isotropic and c[1])]
     nodes = np.array(  # (corners, 4, blocks)
@@ -109,6 +110,7 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
         model.transform.power,
         model.samples.theta_i_max,
         name,
+        stretch_d,
     )
 
 

@@ -19,6 +19,7 @@ from simrig.directions.half_difference import to_half_difference
 
 HALF = 0.5 * np.pi
 _LOWEST, _HIGHEST = 0.02, 6.0  # lengths
+_BESIDE, _BRIGHTER = 5, 1.5  # samples beside one of equal directions, and how much it outshines
 _NARROWEST, _WIDEST = 0.001, 3.0  # widths of highlights, radians
 
 
@@ -49,6 +50,10 @@ class Stretch:
         return low  # exactly 0 at 0, where azimuths mean nothing
 
 
+EVEN = Stretch(1.0, 1.0)  # theta itself
+BACK = Stretch(float(np.radians(1.0)), 0.5)  # of theta_d, where light goes back to where it is from
+
+
 @dataclass(frozen=True)
 class Coordinates:
     """The coordinates of one material.
@@ -58,20 +63,23 @@ class Coordinates:
         stretch: of theta_h.
         lengths: one per coordinate (three or six, see ``LENGTHS``).
         nugget: variance of noise over that of the signal.
+        stretch_d: of theta_d.
     """
 
     symmetry: Symmetry
     stretch: Stretch
     lengths: tuple[float, ...]
     nugget: float
+    stretch_d: Stretch = EVEN
 
     def __call__(self, angles: np.ndarray) -> np.ndarray:
         """Return the coordinates (n, f) of half-difference angles (n, 4), in radians."""
         theta_h, phi_h, theta_d, phi_d = angles.T
         radius, size = self.stretch(theta_h), np.sin(theta_d)
+        apart = self.stretch_d(theta_d)
         near = np.minimum(4.0 * radius, 1.0)  # phi_d alone means nothing at theta_h = 0
         if self.symmetry.isotropic:
-            parts = [radius, theta_d / HALF, 0.5 * near * size * np.cos(phi_d)]
+            parts = [radius, apart, 0.5 * near * size * np.cos(phi_d)]
             if not self.symmetry.mirror:
                 parts.append(0.5 * near * size * np.sin(phi_d))
             scales = (*self.lengths, self.lengths[-1])[: len(parts)]
@@ -80,7 +88,7 @@ class Coordinates:
             parts = [
                 radius * np.cos(phi_h),
                 radius * np.sin(phi_h),
-                theta_d / HALF,
+                apart,
                 size * np.cos(carried),
                 size * np.sin(carried),
                 near * size * size * np.cos(2.0 * phi_d),
@@ -102,7 +110,9 @@ class Prior:
     mean: np.ndarray
     deviation: np.ndarray
 
-    def coordinates(self, parameters: np.ndarray, symmetry: Symmetry) -> Coordinates:
+    def coordinates(
+        self, parameters: np.ndarray, symmetry: Symmetry, stretch_d: Stretch = EVEN
+    ) -> Coordinates:
         """Return the coordinates of parameters, each held within what makes sense."""
         *lengths, width, linear, nugget = (float(p) for p in parameters)
         return Coordinates(
@@ -113,6 +123,7 @@ class Prior:
             ),
             tuple(float(np.clip(np.exp(length), _LOWEST, _HIGHEST)) for length in lengths),
             float(np.exp(np.clip(nugget, -15.0, -2.0))),
+            stretch_d,
         )
 
 
@@ -129,6 +140,27 @@ ANISOTROPIC_PRIOR = Prior(
 def prior_of(symmetry: Symmetry) -> Prior:
     """Return the prior of the parameters for a symmetry."""
     return ISOTROPIC_PRIOR if symmetry.isotropic else ANISOTROPIC_PRIOR
+
+
+def stretch_of_theta_d(angles: np.ndarray, values: np.ndarray) -> Stretch:
+    """Return how theta_d is stretched: densely at 0 where light goes back to where it is from.
+
+    A sample of equal directions that is brighter than what lies beside it, at about the same
+    theta_h and outside the highlight, tells so.
+
+    Args:
+        angles: (n, 4) half-difference angles, radians.
+        values: (n, 3) of f_r.
+    """
+    theta_h, theta_d = np.degrees(angles[:, 0]), np.degrees(angles[:, 2])
+    means = values.mean(axis=1)
+    beside = np.flatnonzero((theta_d > 6.0) & (theta_d < 25.0) & (theta_h > 10.0))
+    for own in np.flatnonzero((theta_d < 1.5) & (theta_h > 10.0)):
+        order = np.argsort(np.abs(theta_h[beside] - theta_h[own]), kind="stable")
+        nearest = beside[order[:_BESIDE]]
+        if len(nearest) and means[own] > _BRIGHTER * np.max(means[nearest]):
+            return BACK
+    return EVEN
 
 
 def half_difference_angles(wi: np.ndarray, wv: np.ndarray, axis: float = 0.0) -> np.ndarray:

@@ -11,10 +11,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import qmc
 
+from simrig.directions.half_difference import from_half_difference
 from simrig.directions.spherical import to_vector
 
 _WHITE = 20.0  # displayed white over the level; what is brighter shows no more
 _TINY = 1e-12
+_NARROWEST = np.radians(0.2)
 
 
 def displayed_pairs(
@@ -45,6 +47,25 @@ def even_pairs(
     theta_i, theta_v = theta_i_max * uniform[:, 0], theta_v_max * uniform[:, 1]
     phi_i, phi_v = 2.0 * np.pi * uniform[:, 2], 2.0 * np.pi * uniform[:, 3]
     return to_vector(theta_i, phi_i), to_vector(theta_v, phi_v)
+
+
+def lobe_pairs(count: int, reach: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs in lobes, down to a fifth of a degree from where they are brightest.
+
+    The first half is even in the logarithm of theta_h, for highlights; the second in that of
+    theta_d, for light that goes back to where it is from. All lie within ``reach``, radians.
+    """
+    uniform = _sobol(4, count, seed)
+    narrow = _NARROWEST * (reach / _NARROWEST) ** uniform[:, 0]
+    other = np.arccos(np.clip(np.cos(reach) / np.cos(narrow), 0.0, 1.0)) * uniform[:, 1]
+    first = np.arange(count) < count // 2
+    theta_h, theta_d = np.where(first, narrow, other), np.where(first, other, narrow)
+    sines = np.maximum(np.sin(theta_h) * np.sin(theta_d), _TINY)
+    limit = np.clip((np.cos(theta_h) * np.cos(theta_d) - np.cos(reach)) / sines, 0.0, 1.0)
+    start = np.arccos(limit)  # of the azimuths at which both directions are within reach
+    turn = 2.0 * uniform[:, 2] - 1.0
+    phi_d = np.sign(turn) * (start + (np.pi - 2.0 * start) * np.abs(turn))
+    return from_half_difference(theta_h, 2.0 * np.pi * uniform[:, 3], theta_d, phi_d)
 
 
 def typical_level(radiance: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from simrig.brdf.kriging.coordinates import (
     Coordinates,
     half_difference_angles,
     prior_of,
+    stretch_of_theta_d,
 )
 from simrig.brdf.kriging.displayed import displayed_pairs, typical_level
 from simrig.brdf.kriging.local import kriging_weights, predict
@@ -181,7 +182,8 @@ def fit_model(
     angles = half_difference_angles(samples.wi, samples.wv, symmetry.axis)
     prior = prior_of(symmetry)
     images = symmetry.images(angles)
-    expected = prior.coordinates(prior.mean, symmetry)
+    stretch_d = stretch_of_theta_d(angles, samples.values)
+    expected = prior.coordinates(prior.mean, symmetry, stretch_d)
     level = _level(samples, expected(images), expected, power)
     transform = Transform(_FLOORS[symmetry.isotropic] * level, power)
     parameters = prior.mean if start is None or len(start) != len(prior.mean) else start
@@ -189,8 +191,8 @@ def fit_model(
         logs = transform.forward(samples.values, samples.wi[:, 2])
         chosen = np.random.default_rng(0).permutation(len(samples))
         chosen = chosen[: _MOST_LEFT_OUT if final else _LEFT_OUT]
-        parameters = _likeliest(images, logs, chosen, symmetry, parameters, evaluations)
-    coordinates = prior.coordinates(parameters, symmetry)
+        parameters = _likeliest(images, logs, chosen, expected, parameters, evaluations)
+    coordinates = prior.coordinates(parameters, symmetry, stretch_d)
     return KrigingModel(samples, coordinates, transform, level, parameters)
 
 
@@ -198,13 +200,13 @@ def _likeliest(
     images: np.ndarray,
     logs: np.ndarray,
     chosen: np.ndarray,
-    symmetry: Symmetry,
+    expected: Coordinates,
     parameters: np.ndarray,
     evaluations: int,
 ) -> np.ndarray:
     """Return the parameters that predict the chosen samples best, searched from others."""
     for _ in range(2):  # the neighbours depend on the parameters
-        criterion = _Criterion(images, logs, chosen, symmetry, parameters)
+        criterion = _Criterion(images, logs, chosen, expected, parameters)
         simplex = np.vstack([parameters, parameters + 0.5 * np.eye(len(parameters))])
         options = {"maxfev": evaluations // 2, "initial_simplex": simplex}
         parameters = minimize(criterion, parameters, method="Nelder-Mead", options=options).x
@@ -219,20 +221,24 @@ class _Criterion:
         images: np.ndarray,
         logs: np.ndarray,
         chosen: np.ndarray,
-        symmetry: Symmetry,
+        expected: Coordinates,
         parameters: np.ndarray,
     ):
-        self._symmetry, self._prior = symmetry, prior_of(symmetry)
+        self._symmetry, self._stretch_d = expected.symmetry, expected.stretch_d
+        self._prior = prior_of(expected.symmetry)
         count = len(logs)
-        features = self._prior.coordinates(parameters, symmetry)(images)
+        features = self._coordinates(parameters)(images)
         near = _others(cKDTree(features), features[chosen], chosen, count, _NEAR)
         used, place = np.unique(np.concatenate([chosen, near.ravel()]), return_inverse=True)
         self._angles = images[used]
         self._own, self._near = place[: len(chosen)], place[len(chosen) :].reshape(near.shape)
         self._values, self._truth = logs[near % count], logs[chosen]
 
+    def _coordinates(self, parameters: np.ndarray) -> Coordinates:
+        return self._prior.coordinates(parameters, self._symmetry, self._stretch_d)
+
     def __call__(self, parameters: np.ndarray) -> float:
-        coordinates = self._prior.coordinates(parameters, self._symmetry)
+        coordinates = self._coordinates(parameters)
         features = coordinates(self._angles)
         own = features[self._own][:, None, :]
         weights, variance = kriging_weights(features[self._near], own, coordinates.nugget)

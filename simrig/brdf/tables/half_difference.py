@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.kriging.coordinates import Stretch
+from simrig.brdf.kriging.coordinates import EVEN, Stretch
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.packed import PlainColours
@@ -46,6 +46,7 @@ class HalfDifferenceTable(Brdf):
         floor: under the logarithm, >= 0, in the unit of f_r.
         power: of the cosine of theta_i, 0 or 1.
         theta_max: largest polar angle with samples, radians.
+        stretch_d: of theta_d.
 
     Raises:
         SimrigError: shape or values that cannot be.
@@ -62,6 +63,7 @@ class HalfDifferenceTable(Brdf):
         power: int,
         theta_max: float,
         name: str = "half_difference",
+        stretch_d: Stretch = EVEN,
     ):
         logs = np.asarray(logs, dtype=np.float32)
         if logs.ndim != 5 or logs.shape[4] != 3 or min(logs.shape[0], *logs.shape[2:4]) < 2:
@@ -77,11 +79,12 @@ class HalfDifferenceTable(Brdf):
             raise SimrigError(f"table '{name}' needs a floor >= 0 and a power of 0 or 1")
         if not 0.0 < theta_max <= HALF:
             raise SimrigError(f"table '{name}' needs a largest theta in (0, 90] degrees")
-        if not (stretch.width > 0.0 and 0.0 <= stretch.linear <= 1.0):
+        if not all(s.width > 0.0 and 0.0 <= s.linear <= 1.0 for s in (stretch, stretch_d)):
             raise SimrigError(f"table '{name}' needs a width > 0 and a linear share in [0, 1]")
         if symmetry.reciprocal and power:
             raise SimrigError("a reciprocal table cannot hold the cosine of one direction")
         self.logs, self.symmetry, self.stretch = read_only(logs), symmetry, stretch
+        self.stretch_d = stretch_d
         self.floor, self.power, self.name = float(floor), int(power), name
         self.theta_max, self.reciprocal = float(theta_max), symmetry.reciprocal
 
@@ -97,6 +100,8 @@ class HalfDifferenceTable(Brdf):
         return {
             **asdict(self.symmetry),
             **asdict(self.stretch),
+            "width_d": self.stretch_d.width,
+            "linear_d": self.stretch_d.linear,
             "floor": self.floor,
             "power": self.power,
             "theta_max": self.theta_max,
@@ -114,6 +119,7 @@ class HalfDifferenceTable(Brdf):
             int(structure["power"]),
             float(structure["theta_max"]),
             name,
+            Stretch(float(structure["width_d"]), float(structure["linear_d"])),
         )
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> PlainColours:
@@ -128,7 +134,7 @@ class HalfDifferenceTable(Brdf):
         positions = [
             self.stretch(at.theta_h) * (n_h - 1.0),
             phi_h * ((n_p - 1.0) * 2.0 / turn_h if fold_h else n_p / turn_h),
-            at.theta_d * ((n_d - 1.0) / HALF),
+            self.stretch_d(at.theta_d) * (n_d - 1.0),
             phi_d * ((n_q - 1.0) * 2.0 / turn_d if fold_d else n_q / turn_d),
         ]
         axes = [
@@ -158,13 +164,16 @@ class HalfDifferenceTable(Brdf):
 
 
 def node_angles(
-    shape: tuple[int, int, int, int], symmetry: Symmetry, stretch: Stretch
+    shape: tuple[int, int, int, int],
+    symmetry: Symmetry,
+    stretch: Stretch,
+    stretch_d: Stretch = EVEN,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the angles of the nodes of a table along each axis, radians.
 
     Args:
         shape: (n_theta_h, n_phi_h, n_theta_d, n_phi_d).
-        symmetry, stretch: of the table.
+        symmetry, stretch, stretch_d: of the table.
     """
     azimuths = []
     for count, period, folded in zip(
@@ -173,7 +182,8 @@ def node_angles(
         last = 0.5 * period if folded else period
         azimuths.append(np.linspace(0.0, last, count, endpoint=folded))
     theta_h = stretch.inverse(np.linspace(0.0, 1.0, shape[0]))
-    return theta_h, azimuths[0], np.linspace(0.0, HALF, shape[2]), azimuths[1]
+    theta_d = stretch_d.inverse(np.linspace(0.0, 1.0, shape[2]))
+    return theta_h, azimuths[0], theta_d, azimuths[1]
 
 
 def _nodes(position: Array, count: int, periodic: bool) -> list[tuple[Array, Array]]:

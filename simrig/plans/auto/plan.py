@@ -10,7 +10,7 @@ import numpy as np
 
 from simrig.brdf.kriging.choice import left_out_error
 from simrig.brdf.kriging.coordinates import half_difference_angles
-from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs
+from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs
 from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
 from simrig.brdf.kriging.predicted import predicted_delta_e
 from simrig.brdf.kriging.symmetry import Symmetry
@@ -34,6 +34,7 @@ _BATCHES_UNTIL = 14  # when the predicted error decides: more, smaller ones
 _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
 _EVEN = {True: 0.1, False: 0.5}  # of the candidates, isotropic or not
+_LOBES = 0.1  # of the candidates, near highlights and where light goes back
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
 _PROBED = 512  # pairs that pictures show, for the bounds of effects
 _CLEARLY = 0.9  # another symmetry must predict this much better
@@ -206,12 +207,13 @@ class _Run:
     def _candidates(self, symmetry: Symmetry, number: int) -> tuple[np.ndarray, np.ndarray]:
         plan = self.plan
         count = max(_CANDIDATES, _CANDIDATES_PER_SAMPLE * plan.samples)
-        even = int(_EVEN[symmetry.isotropic] * count)
+        even, lobes = int(_EVEN[symmetry.isotropic] * count), int(_LOBES * count)
         seed = 1000 * plan.seed + 2 * number
         reach = plan.theta_i_max, plan.theta_v_max
         parts = (
-            displayed_pairs(count - even, *reach, seed),
+            displayed_pairs(count - even - lobes, *reach, seed),
             even_pairs(even, *reach, seed + 1),
+            lobe_pairs(lobes, min(reach), seed),
         )
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
