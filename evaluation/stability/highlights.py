@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from simrig.core import backend
+from simrig.directions.spherical import TWO_PI
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.subjects import FAINT
 from simrig.plans.adaptive import sample_adaptively
@@ -22,7 +23,6 @@ from simrig.reconstruction.slices.highlights import (
     reconstruct_subspace_along_highlights,
 )
 
-_TURN = 2.0 * np.pi
 # theta_i and theta_v in degrees
 _THETAS = {
     "apart": (30.0, 75.0),
@@ -83,11 +83,11 @@ def _reconstructed(signal: Signal, degrees: tuple[float, float], slices: int) ->
 
 def _azimuths(slices: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(7)
-    anywhere = rng.uniform(0.0, _TURN, (2, 300))
-    start = rng.uniform(0.0, _TURN, 100)
+    anywhere = rng.uniform(0.0, TWO_PI, (2, 300))
+    start = rng.uniform(0.0, TWO_PI, 100)
     mirror = np.stack([start, start + np.pi + 10.0 ** rng.uniform(-12.0, -1.0, 100)])
     on_slices = rng.integers(0, 2 * slices, (2, 60)) * (np.pi / slices)
-    turns = rng.choice([0.0, np.pi, _TURN], (2, 60))
+    turns = rng.choice([0.0, np.pi, TWO_PI], (2, 60))
     wrap = np.abs(turns + rng.integers(-1, 2, turns.shape) * np.spacing(turns))
     phi_i, phi_v = np.concatenate([anywhere, mirror, on_slices, wrap], axis=1)
     return phi_i, phi_v
@@ -106,6 +106,6 @@ def _sensitivity(subspace: HighlightSubspace, phi_i: np.ndarray, phi_v: np.ndarr
     rng = np.random.default_rng(8)
     for _ in range(4):
         steps = rng.choice([-1.0, 1.0], (2, len(phi_i))) * np.float64(np.finfo(np.float32).eps)
-        moved = subspace.eval(phi_i + _TURN * steps[0], phi_v + _TURN * steps[1])
+        moved = subspace.eval(phi_i + TWO_PI * steps[0], phi_v + TWO_PI * steps[1])
         changes.append(float(np.abs(moved - reference).max()))
     return max(changes)

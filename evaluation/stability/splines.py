@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from simrig.directions.spherical import TWO_PI
 from simrig.plans.adaptive import Knots
 from simrig.plans.slices import MIRRORED, OPEN, PERIODIC
 from simrig.reconstruction.slices.along_slices import SliceInterpolator
 
 _ENDS = (OPEN, PERIODIC, MIRRORED)
 _JITTERS = 4
-_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _single(value: np.ndarray) -> np.ndarray:
 
 
 def _knots(position: np.ndarray, ends: int) -> Knots:
-    length = {OPEN: np.pi, PERIODIC: _TURN, MIRRORED: np.pi}[ends]
+    length = {OPEN: np.pi, PERIODIC: TWO_PI, MIRRORED: np.pi}[ends]
     count = len(position)
     return Knots(
         np.array([0, count]), np.array([ends]), np.array([length]), position, np.arange(count)
@@ -134,7 +134,7 @@ def _knots(position: np.ndarray, ends: int) -> Knots:
 def _queries(position: np.ndarray) -> np.ndarray:
     """Return positions between, at, and 1 ulp beside the samples, all over the full turn."""
     beside = [position, np.nextafter(position, -1.0), np.nextafter(position, 9.0)]
-    return np.concatenate([np.linspace(0.0, _TURN, 129)[:-1], *beside]).clip(min=0.0)
+    return np.concatenate([np.linspace(0.0, TWO_PI, 129)[:-1], *beside]).clip(min=0.0)
 
 
 def _without_duplicates(position: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,9 +152,9 @@ def _unfolded(
         return position, value, None
     if ends == MIRRORED:
         inner = (position > 0.0) & (position < np.pi)
-        position = np.concatenate([position, _TURN - position[inner][::-1]])
+        position = np.concatenate([position, TWO_PI - position[inner][::-1]])
         value = np.concatenate([value, value[inner][::-1]])
-    return position, value, _TURN
+    return position, value, TWO_PI
 
 
 def _scipy(

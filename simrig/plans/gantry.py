@@ -20,6 +20,7 @@ import numpy as np
 
 from simrig.core.errors import SimrigError
 from simrig.core.options import Option
+from simrig.directions.spherical import TWO_PI
 from simrig.plans.adaptive import Knots
 from simrig.plans.protocol import ListedPlan, Plan
 from simrig.plans.slices import AXIAL, DIAGONAL, PERIODIC
@@ -27,7 +28,6 @@ from simrig.plans.slices import AXIAL, DIAGONAL, PERIODIC
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
 
-_TURN = 2.0 * np.pi
 # a single axial slice keeps this distance from the plane of incidence (thesis section 6.1.1): the
 # highlight would hide what else the material does
 _SINGLE_AXIAL = np.radians(15.0)
@@ -147,8 +147,8 @@ class GantryPlan(ListedPlan):
     def offsets(self) -> tuple[np.ndarray, np.ndarray]:
         """α of the axial and β of the diagonal slices of a subspace, in radians."""
         first = _SINGLE_AXIAL if self.axial == 1 else np.pi
-        alpha = first + np.arange(self.axial) * (_TURN / max(self.axial, 1))
-        return alpha, np.arange(self.diagonal) * (_TURN / self.diagonal)
+        alpha = first + np.arange(self.axial) * (TWO_PI / max(self.axial, 1))
+        return alpha, np.arange(self.diagonal) * (TWO_PI / self.diagonal)
 
     @cached_property
     def slices(self) -> tuple[GantrySlice, ...]:
@@ -157,7 +157,7 @@ class GantryPlan(ListedPlan):
         found = []
         for pair in self.pairs:
             count = self.lowest_samples if pair == (0, 0) else self.slice_samples
-            steps = np.arange(count) * (_TURN / count)
+            steps = np.arange(count) * (TWO_PI / count)
             found += [GantrySlice(AXIAL, pair, float(a), steps) for a in alpha]
             found += [
                 GantrySlice(DIAGONAL, pair, float(b), self._diagonal_positions(b, steps))
@@ -172,7 +172,7 @@ class GantryPlan(ListedPlan):
         if self.highlights:
             beside = np.array([-_BESIDE_HIGHLIGHT, _BESIDE_HIGHLIGHT])
             positions = np.concatenate([steps, beside, np.pi + beside])
-        return np.unique(np.mod(highlight + positions, _TURN).round(12))
+        return np.unique(np.mod(highlight + positions, TWO_PI).round(12))
 
     @property
     def samples(self) -> int:
@@ -186,7 +186,7 @@ class GantryPlan(ListedPlan):
             phi_v = one.positions
             phi_i = phi_v - one.offset if one.kind == AXIAL else one.offset - phi_v
             theta = [np.full(len(phi_v), self.thetas[number]) for number in one.pair]
-            parts.append(np.stack([*theta, np.mod(phi_i, _TURN), phi_v], axis=1))
+            parts.append(np.stack([*theta, np.mod(phi_i, TWO_PI), phi_v], axis=1))
         return np.concatenate(parts)
 
     def knots(self) -> Knots:
@@ -195,7 +195,7 @@ class GantryPlan(ListedPlan):
         return Knots(
             first=np.concatenate([[0], np.cumsum(count)]),
             ends=np.full(len(count), PERIODIC),
-            length=np.full(len(count), _TURN),
+            length=np.full(len(count), TWO_PI),
             position=np.concatenate([one.positions for one in self.slices]),
             sample=np.arange(sum(count)),
         )

@@ -16,12 +16,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from simrig.directions.spherical import TWO_PI
 from simrig.reconstruction.gantry.pairs import EVEN, SAME_ANGLE, WantedPairs
 from simrig.reconstruction.gantry.polar_angles import fill_thetas, line_weights
 from simrig.reconstruction.transport.circle import circle_displacement
 from simrig.reconstruction.transport.grid import transport_rows
 
-_TURN = 2.0 * np.pi
 _TEXELS = 32  # at once: their tables take some 17 MB
 
 # measured subspaces (e, e, EVEN, EVEN, texels, 3), known and wanted polar angles -> all subspaces
@@ -60,7 +60,7 @@ def _between_even(
     corners, shares = [], []
     for axis, number in enumerate(ring):
         azimuth = wanted.azimuths[rows, axis]
-        place = np.where(azimuth < EVEN, azimuth, wanted.phi[azimuth] * (EVEN / _TURN))
+        place = np.where(azimuth < EVEN, azimuth, wanted.phi[azimuth] * (EVEN / TWO_PI))
         if wanted.theta[number] < SAME_ANGLE:
             block, place = block.mean(axis=axis, keepdims=True), np.zeros(len(rows))
         low = np.floor(place).astype(int)

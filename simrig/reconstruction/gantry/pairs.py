@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simrig.directions.spherical import TWO_PI
 from simrig.reconstruction.gantry.brdfs import RBF_AZIMUTHS
 
 EVEN = RBF_AZIMUTHS  # azimuths of means, of nodes and of transport
 SAME_ANGLE = 1e-6  # radians between angles that are one
-_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class WantedPairs:
         """Return the numbers of pairs, theta_i, theta_v, phi_i, phi_v in radians, (pairs, 4)."""
         digits = int(-np.log10(SAME_ANGLE))
         theta, rings = np.unique(np.round(angles[:, :2], digits), return_inverse=True)
-        even = np.round(np.arange(EVEN) * (_TURN / EVEN), digits)
-        own = np.round(np.mod(np.round(angles[:, 2:], digits), _TURN), digits)
+        even = np.round(np.arange(EVEN) * (TWO_PI / EVEN), digits)
+        own = np.round(np.mod(np.round(angles[:, 2:], digits), TWO_PI), digits)
         phi = np.concatenate([even, np.setdiff1d(own, even)])
         order = np.argsort(phi)
         azimuths = order[np.searchsorted(phi, own, sorter=order)]

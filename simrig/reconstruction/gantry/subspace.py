@@ -20,12 +20,12 @@ from __future__ import annotations
 import numpy as np
 
 from simrig.core.errors import SimrigError, unknown_name
+from simrig.directions.spherical import TWO_PI
 from simrig.plans.gantry import GantryPlan
 from simrig.plans.slices import AXIAL, DIAGONAL
 from simrig.reconstruction.slices.along_slices import SliceInterpolator
 
 COMBINATIONS = ("sum", "corners", "turning")
-_TURN = 2.0 * np.pi
 
 
 def default_combination(plan: GantryPlan) -> str:
@@ -65,7 +65,7 @@ def subspaces(
     interpolate = SliceInterpolator(plan.knots(), values, interpolation)
     count = len(plan.thetas)
     if isinstance(azimuths, int | np.integer):
-        phi = np.arange(azimuths) * (_TURN / azimuths)
+        phi = np.arange(azimuths) * (TWO_PI / azimuths)
     else:
         phi = np.asarray(azimuths)
     phi_i, phi_v = (grid.ravel() for grid in np.meshgrid(phi, phi, indexing="ij"))
@@ -150,8 +150,8 @@ class _Subspace:
             (self._axial, self._alpha, phi_v - phi_i),
             (self._diagonal, self._beta, phi_i + phi_v),
         ):
-            step = _TURN / len(number)
-            place = np.mod(along - offsets[0], _TURN) / step
+            step = TWO_PI / len(number)
+            place = np.mod(along - offsets[0], TWO_PI) / step
             below = np.floor(place)
             upper = place - below
             low = below.astype(int) % len(number)
