@@ -102,7 +102,7 @@ def import_btf(
     options: dict[str, Any] = {"name": name, "provenance": provenance, "dtype": dtype}
     batch = max(1, _BATCH_BYTES // first.nbytes)
     count = len(found.names)
-    with BtfWriter(path, angles, shape, size_mm, **options) as writer:
+    with found, BtfWriter(path, angles, shape, size_mm, **options) as writer:
         missing = set(writer.missing.tolist())
         for start in range(0, count, batch):
             numbers = range(start, min(start + batch, count))

@@ -13,7 +13,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -38,7 +38,7 @@ _BROKEN = (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, NotImplemented
 
 @dataclass(frozen=True)
 class BtfPictures:
-    """The pictures of a BTF.
+    """The pictures of a BTF; as a context manager an archive stays open for all of them.
 
     Attributes:
         source: the folder or archive.
@@ -53,6 +53,16 @@ class BtfPictures:
     angles: np.ndarray
     skipped: list[str]
 
+    def __enter__(self) -> BtfPictures:
+        """Keep an archive open: its list of files is read once for all pictures."""
+        if not self.source.is_dir():
+            self.__dict__["archive"] = zipfile.ZipFile(self.source)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if "archive" in self.__dict__:
+            self.__dict__.pop("archive").close()
+
     @contextmanager
     def open(self, number: int) -> Iterator[Path]:
         """Give the path of a picture; of an archive, of a copy that is removed again."""
@@ -60,11 +70,14 @@ class BtfPictures:
         if self.source.is_dir():
             yield self.source / name
             return
-        with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(self.source) as archive:
+        kept = self.__dict__.get("archive")
+        with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / PurePosixPath(name).name
             try:
-                with archive.open(name) as packed, path.open("wb") as file:
-                    shutil.copyfileobj(packed, file)
+                with ExitStack() as held:
+                    archive = kept or held.enter_context(zipfile.ZipFile(self.source))
+                    with archive.open(name) as packed, path.open("wb") as file:
+                        shutil.copyfileobj(packed, file)
             except _BROKEN as error:
                 raise SimrigError(f"'{name}' of '{self.source}' is damaged: {error}") from error
             yield path
