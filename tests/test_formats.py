@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from simrig.brdf import Lambert, Ward
 from simrig.brdf.protocol import Brdf, evaluate
@@ -18,7 +19,7 @@ from simrig.brdf.tables.resample import resample_dense
 from simrig.core.colour import TO_XYZ
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
-from simrig.files import alta, astm, bird
+from simrig.files import alta, astm, bird, zemax
 from simrig.files.arrays.reader import load_arrays
 from simrig.files.load import load_material, read_material, save_material
 from simrig.files.window import klems, tensor_tree
@@ -509,7 +510,6 @@ def test_retro_and_back_parameterisations(tmp_path) -> None:
 @pytest.mark.parametrize(
     "content,message",
     [
-        ("Source Measured\nSymmetry PlaneSymmetrical\nSampleRotation 1\n0\n", "a Zemax BSDF file"),
         ("Symmetry Asymmetric\nScatterAzimuth 5\n1\nScatterRadial 5\n", "a LightTools BSDF file"),
         ("OPTIS - Anisotropic BSDF surface file v8.0\n0\n", "a surface file of Ansys Speos"),
         ('{"a": 1}', "JSON, but no BRDF of the BiRD format"),
@@ -532,3 +532,69 @@ def test_options_for_another_format_are_refused(tmp_path) -> None:
     doubled = load_material(path, factor=2.0)
     np.testing.assert_allclose(at(doubled, 0, 0, 30, 0), 1.0 / np.pi, rtol=1e-6)
     assert read_material(path).format == "npz"
+
+
+# Zemax
+
+
+def zemax_file(path: Path, content: str, material: Brdf) -> Path:
+    """Write a material around its specular directions, each computed by turning vectors."""
+    incidence, azimuth, radial = range(0, 80, 15), range(0, 181, 30), range(0, 60, 6)
+    lines = ["# made by a test", "Source Measured", "Symmetry PlaneSymmetrical"]
+    lines += [f"SpectralContent {content}", "ScatterType BRDF", "SampleRotation 1", "0"]
+    for name, angles in (
+        ("AngleOfIncidence", incidence),
+        ("ScatterAzimuth", azimuth),
+        ("ScatterRadial", radial),
+    ):
+        lines += [f"{name} {len(angles)}", " ".join(map(str, angles))]
+    blocks = ["Monochrome"] if content == "Monochrome" else [f"Tristimulus{c}" for c in "XYZ"]
+    for channel, block in enumerate(blocks):
+        lines += ["", block, "DataBegin"]
+        for theta in np.radians(incidence):
+            lines.append("TIS 0.5")
+            light = np.array([np.sin(theta), 0.0, np.cos(theta)])
+            specular = light * [-1.0, -1.0, 1.0]
+            up = np.array([np.cos(theta), 0.0, np.sin(theta)])
+            for a in np.radians(azimuth):
+                axis = np.cross(specular, np.cos(a) * up + np.sin(a) * np.cross(specular, up))
+                views = np.array(
+                    [Rotation.from_rotvec(r * axis).apply(specular) for r in np.radians(radial)]
+                )
+                values = evaluate(material, light[None], views)
+                values = values[:, 0] if len(blocks) == 1 else (values @ TO_XYZ.T)[:, channel]
+                lines.append(" ".join(f"{v:.6g}" for v in values))
+        lines.append("DataEnd")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("content", ["Monochrome", "XYZ"])
+def test_zemax_lies_around_the_specular_direction(tmp_path, content) -> None:
+    material = Ward((0.1, 0.1, 0.1), (0.3, 0.3, 0.3), 0.4, 0.4)
+    path = zemax_file(tmp_path / "a.bsdf", content, material)
+    samples = zemax.read_zemax(path)
+    expected = evaluate(material, *samples.directions)
+    np.testing.assert_allclose(samples.values, expected, rtol=2e-4, atol=1e-6)
+    read = read_material(path)
+    assert read.format == "zemax" and "spline" in read.notes[0]
+    for theta in (0, 30, 60):
+        found, true = (at(b, theta, 0, theta, 180) for b in (read.brdf, material))
+        np.testing.assert_allclose(found, true, rtol=0.1)
+
+
+def test_zemax_refuses_what_does_not_fit(tmp_path) -> None:
+    path = zemax_file(tmp_path / "a.bsdf", "Monochrome", Lambert())
+    text = path.read_text()
+    for old, new, message in (
+        ("ScatterType BRDF", "ScatterType BTDF", "holds BTDF, not reflection"),
+        ("SampleRotation 1\n0", "SampleRotation 2\n0 90", "several sample rotations"),
+        ("ScatterRadial", "ScatterRadius", "lacks ScatterRadial"),
+        ("Monochrome\nDataBegin", "Monochrome\nDataBegin x", "values missing"),
+    ):
+        path.write_text(text.replace(old, new))
+        with pytest.raises(SimrigError, match=message):
+            zemax.read_zemax(path)
+    path.write_text(text[: len(text) // 2])
+    with pytest.raises(SimrigError, match="values missing: truncated"):
+        zemax.read_zemax(path)

@@ -14,7 +14,7 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable
 from simrig.brdf.tables.resample import resample_dense, resample_isotropic
 from simrig.core.errors import SimrigError, unknown_name
-from simrig.files import alta, astm, bird, cornell, hdf5, merl, ubo, utia
+from simrig.files import alta, astm, bird, cornell, hdf5, merl, ubo, utia, zemax
 from simrig.files.arrays import reader as arrays
 from simrig.files.btf.hdf5 import CONTENT as BTF
 from simrig.files.rgl import reader as rgl
@@ -146,6 +146,12 @@ FORMATS: dict[str, Format] = {
             (".dat", ".alta"),
             "ALTA samples: grids become tables, scattered ones are interpolated",
             honours="PARAM_IN, PARAM_OUT (RGB, XYZ, times cosine), DIM",
+        ),
+        Format(
+            "zemax",
+            (".bsdf",),
+            "Zemax BSDF interchange, text, isotropic, interpolated",
+            honours="angles around the specular direction, monochrome or XYZ, BRDF",
         ),
     )
 }
@@ -325,6 +331,7 @@ READERS: dict[str, Callable[[Path, ReadOptions], Found]] = {
     "cornell": lambda path, o: (cornell.load_cornell(path, o.clamp_negative), []),
     "ubo": lambda path, o: (ubo.load_ubo(path, o.clamp_negative), []),
     "alta": lambda path, o: alta.load_alta(path, o.clamp_negative),
+    "zemax": lambda path, o: zemax.load_zemax(path, o.clamp_negative),
 }
 
 

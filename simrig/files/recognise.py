@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 
 from simrig.core.errors import SimrigError
-from simrig.files import alta, astm, bird, cornell, hdf5, merl, utia
+from simrig.files import alta, astm, bird, cornell, hdf5, merl, utia, zemax
 from simrig.files.arrays.containers import MAT_TEXT, NPY_MAGIC
 from simrig.files.atomic import existing_file
 from simrig.files.formats import FORMATS
@@ -56,7 +56,6 @@ _ENDINGS = {
 }
 # Text formats that people of this trade bring, by what stands in their headers
 _TEXTS: tuple[tuple[str, str], ...] = (
-    (r"^\s*SampleRotation\b", f"a Zemax BSDF file, {_INSTEAD}"),
     (r"^\s*ScatterRadial\b", f"a LightTools BSDF file, {_INSTEAD}"),
     (r"^\s*TypeSym\b", f"an Integra diffuse or specular distribution, {_INSTEAD}"),
     (r"^OPTIS\b", f"a surface file of Ansys Speos, {_INSTEAD}"),
@@ -143,6 +142,8 @@ def _text_format(path: Path, text: str) -> str:
         return "astm"
     if bird.is_bird(text):
         return "bird"
+    if zemax.is_zemax(text):
+        return "zemax"
     for pattern, what in _TEXTS:
         if re.search(pattern, text, re.MULTILINE):
             raise _other(path, what)
