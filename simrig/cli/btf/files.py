@@ -138,7 +138,7 @@ def from_slices(
     ] = "gantry-b",
     overwrite: Overwrite = False,
 ) -> frame.Report:
-    """Rebuild a BTF of 6,561 images from the 168 of a gantry, texel by texel."""
+    """Reconstruct a BTF of 6,561 images from the 168 of a gantry, texel by texel."""
     from simrig.files.btf.hdf5 import read_btf, write_btf
     from simrig.reconstruction.gantry.btf import reconstruct_btf
 
