@@ -203,16 +203,17 @@ def commands() -> dict[str, Any]:
 
 def test_options_of_the_same_name_have_the_same_short_one() -> None:
     short = {"--output": "-o", "--samples": "-n", "--quiet": "-q", "--verbose": "-v"}
-    taken = {value: key for key, value in short.items()}
     for words, command in commands().items():
         options = [one.opts for one in command.params if one.param_type_name == "option"]
         named = {name for names in options for name in names}
         assert {"--quiet", "--verbose", "--json"} <= named, words
         assert not named & {"--force", "--without", "--simulate"}, words
         for names in options:
-            letters = [name for name in names if not name.startswith("--")]
-            assert letters == [short[name] for name in names if name in short], words
-            assert all(taken[letter] in names for letter in letters), words
+            long = next(name for name in names if name.startswith("--"))
+            for letter in (name for name in names if not name.startswith("--")):
+                assert short.setdefault(long, letter) == letter, words
+            assert short.get(long, "--") in (*names, "--"), words
+    assert len({*short.values()}) == len(short), "one letter for two options"
 
 
 def test_the_bare_command_shows_its_help() -> None:
