@@ -20,7 +20,7 @@ from simrig.directions.spherical import to_vector
 from simrig.plans.auto.findings import findings_of, has_findings
 from simrig.reconstruction.result import Reconstructed
 
-_ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 600_000  # at most
+_ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 1_500_000  # at most
 _FEWEST_NODES = {True: 20_000, False: 240_000}  # isotropic or not
 _NODES_PER_SAMPLE = 60
 _BLOCK_NEIGHBOURS = 48  # of 2 × 2 × 2 × 2 nodes together
