@@ -206,7 +206,7 @@ def test_a_cell_that_kills_or_fails_ends_the_run(
     with first_death_counts, pytest.raises(error, match=message):
         run_study(squares, {"count": 2, **defect}, tmp_path, workers=2)
     kept = {path.name for path in (tmp_path / "cells").iterdir()}
-    assert kept <= {f"{cell_key({'number': 0})}.json"}
+    assert kept XX
 
 
 @contextmanager
@@ -246,7 +246,7 @@ def test_a_scheduler_runs_the_cells_and_may_be_lost(squares: Study, tmp_path: Pa
 
             with pytest.raises(SimrigError, match="was lost; finished cells are kept"):
                 run_study(squares, gated, tmp_path / "lost", scheduler=address, progress=lose)
-    kept = len(list((tmp_path / "lost" / "cells").iterdir()))
+    kept = len(list((tmp_path / "lost" / "cells").glob("*.npz")))
     gate.touch()
     again = run_study(squares, gated, tmp_path / "lost")
     assert 3 <= kept <= 8 and again.run["computed"] == 12 - kept
