@@ -235,3 +235,15 @@ def test_refusals(measurement, monkeypatch):
 def test_a_renderer_is_told_to_tabulate(measurement, variant_llvm):
     with pytest.raises(SimrigError, match="tabulate it first"):
         make_bsdf(reconstruct_rbf(measurement).brdf)
+
+
+@pytest.mark.parametrize("noise", [1e-7, 5e-8])
+def test_nodes_that_hardly_leave_a_hyperplane_are_fitted(noise):
+    """No ridge helps a polynomial that is nearly degenerate: its narrow direction is left out."""
+    rng = np.random.default_rng(0)
+    nodes = rng.random((200, 4))
+    nodes[:, 3] = nodes[:, :3] @ [0.3, 0.5, 0.2] + noise * rng.standard_normal(200)
+    values = rng.random((200, 3))
+    fitted = fit_thin_plate(nodes, values)
+    assert fitted.condition <= LARGEST_CONDITION < fitted.unsmoothed_condition
+    assert fitted.residual < 1e-6

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from simrig.cli import frame
+from simrig.core.errors import SimrigError
 
 
 def register(app: typer.Typer) -> None:
@@ -31,12 +32,24 @@ def stability(
         Backend, typer.Option(help="Where Dr.Jit and the plugins compute; auto prefers a GPU.")
     ] = Backend.AUTO,
     seed: Annotated[int, typer.Option(min=0, help="Of the random directions of the cases.")] = 0,
+    files: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, metavar="SECONDS", help="Instead: read damaged files of every format so long."
+        ),
+    ] = None,
 ) -> frame.Report:
     """Compute everything on the hard cases, in single and double precision.
 
     Every BRDF, parameterisation, plugin and method, beside references in extended
     precision. Exit code 2 when an error is larger than rounding and conditioning explain.
+    With --files: mutated files through every reader; exit code 2 when one does anything but be
+    read or be refused in one line.
     """
+    if files is not None:
+        if every_case or backend is not Backend.AUTO:
+            raise SimrigError("--files reads damaged files only: leave out the other options")
+        return _files(files, seed)
     from simrig.evaluation.stability.rows import stability_data, stability_markdown
     from simrig.evaluation.stability.suite import stability_suite
 
@@ -47,4 +60,29 @@ def stability(
         data=data,
         shown=[stability_markdown(rows, every_case)],
         exit_code=frame.BAD_INPUT if data["summary"]["unexplained"] else 0,
+    )
+
+
+def _files(seconds: float, seed: int) -> frame.Report:
+    from simrig.evaluation.stability.files import stability_of_files
+
+    with frame.progress("damaged files; seconds") as report:
+        found = stability_of_files(seconds, seed, progress=report)
+    kept = {outcome: str(path) for outcome, path in found.kept.items()}
+    lines = [f"{found.total:,} mutated files: {found.read:,} read, {found.refused:,} refused"]
+    lines += [
+        f"{count:,} × {outcome}: {kept.get(outcome, '')}"
+        for outcome, count in found.defects.items()
+    ]
+    return frame.Report(
+        {
+            "files": found.total,
+            "read": found.read,
+            "refused": found.refused,
+            "formats": dict(found.formats),
+            "defects": dict(found.defects),
+            "kept": kept,
+        },
+        lines,
+        exit_code=frame.BAD_INPUT if found.defects else 0,
     )

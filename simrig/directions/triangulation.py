@@ -9,12 +9,13 @@ ray meets its triangle: >= 0 with sum 1, exact at nodes, continuous everywhere.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 
 from simrig.core.arrays import (
     Array,
@@ -214,10 +215,9 @@ def _check(nodes: np.ndarray) -> None:
     length = np.linalg.norm(nodes, axis=1)
     if not np.all(np.abs(length - 1.0) < 1e-6) or nodes[:, 2].min() < -1e-6:
         raise SimrigError("a triangulation needs unit vectors of the upper hemisphere")
-    distance = np.sum((nodes[:, None, :] - nodes[None, :, :]) ** 2, axis=-1)
-    np.fill_diagonal(distance, 1.0)
-    first, second = np.unravel_index(np.argmin(distance), distance.shape)
-    if distance[first, second] < _SAME:
+    near = cKDTree(nodes).query_pairs(math.sqrt(_SAME), output_type="ndarray")
+    if len(near):
+        first, second = near[np.lexsort(near.T[::-1])][0]
         raise SimrigError(f"directions {first} and {second} of the triangulation are the same")
 
 

@@ -14,9 +14,11 @@ import numpy as np
 from scipy import linalg
 
 from simrig.brdf.tables.thin_plate import ThinPlateSpline, linear_terms, thin_plate
+from simrig.core.errors import SimrigError
 
 LARGEST_CONDITION = 1e12  # beyond it, rounding shows in the fourth digit of the spline
 _FIRST_RIDGE, _RIDGE_STEP = 1e-12, 100.0  # of the mean size of the kernel
+_LARGEST_RIDGE = 1.0  # what is smoothed more is the polynomial alone
 _BLOCK = 512  # rows of the matrix made at once
 _FLAT = 1e-7  # extent of the nodes, of their largest, that counts as none
 
@@ -49,24 +51,35 @@ def fit_thin_plate(nodes: np.ndarray, values: np.ndarray) -> FittedSpline:
 
     Where the nodes span fewer dimensions than they have coordinates, so does the polynomial;
     one node gives a constant. A system whose condition number exceeds 1e12 is smoothed, by the
-    least power of a hundred that brings it below.
+    least power of a hundred that brings it below. Where none does, the polynomial is at fault: the
+    nodes hardly leave a plane (or a line, or a point), and its narrowest direction is left out.
 
     Args:
         nodes: (n, d), all different.
         values: (n, 3).
+
+    Raises:
+        SimrigError: no system of these nodes can be solved.
     """
     centre = nodes.mean(axis=0)
     _, extent, directions = np.linalg.svd(nodes - centre, full_matrices=False)
     basis = directions[extent > _FLAT * max(extent[0], np.finfo(float).tiny)]
-    linear = linear_terms(nodes - centre, basis[: len(nodes) - 1])
     basis = basis[: len(nodes) - 1]
     ridge, unsmoothed = 0.0, None
     while True:
+        linear = linear_terms(nodes - centre, basis)
         weights, polynomial, condition = _solve(nodes, values, linear, ridge)
         unsmoothed = condition if unsmoothed is None else unsmoothed
         if condition <= LARGEST_CONDITION:
             break
         ridge = _RIDGE_STEP * ridge if ridge else _FIRST_RIDGE
+        if ridge > _LARGEST_RIDGE:
+            if not len(basis):
+                raise SimrigError(
+                    f"no spline through these {len(nodes)} samples can be found in double "
+                    "precision: they lie too close together, or their values are too large"
+                )
+            basis, ridge = basis[:-1], 0.0  # the directions come widest first
     spline = ThinPlateSpline(nodes, weights, centre, basis, polynomial)
     extent_of_values = max(float(np.ptp(values, axis=0).max()), np.finfo(float).tiny)
     residual = float(np.abs(spline(nodes) - values).max()) / extent_of_values
