@@ -152,11 +152,12 @@ def whole_files(folder: Path) -> dict[str, Path]:
 
 def _measurement(path: Path) -> Path:
     from simrig.brdf import kurt_material
-    from simrig.directions.schemes import uniform_scheme
+    from simrig.plans.along_slices import SlicePlan
+    from simrig.plans.placement import SlicePlacement
     from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
-    scheme = uniform_scheme(2)
-    Gonioreflectometer().measure_scheme(kurt_material("fabric112"), scheme).save(path)
+    plan = SlicePlan(SlicePlacement.from_degrees(28.0, 180.0), 300)
+    Gonioreflectometer().measure(kurt_material("fabric112"), plan).save(path)
     return path
 
 
