@@ -241,7 +241,7 @@ def test_an_interrupted_measurement_goes_on_with_the_same_result(tmp_path: Path)
         _, message = process.communicate(timeout=60)
     assert process.returncode == 130, message
     assert message == (
-        "interrupted: run the same command again to go on from '.cut.h5.checkpoint'\n"
+        f"interrupted: run the same command again to go on from '{checkpoint.absolute()}'\n"
     )
     assert checkpoint.exists()
     assert not Path("cut.h5").exists()
@@ -270,7 +270,7 @@ def test_run_writes_a_folder_with_a_report() -> None:
     assert Path(result["report"]).stat().st_size > 10_000
     (record,) = result["results"]["reconstructions"]
     assert record["samples"] == 300
-    shown = simrig("run", "small.toml", "--output", "output/small")
+    shown = simrig("run", "small.toml", "--output", "output/small", "--overwrite")
     assert shown.exit_code == 0
     assert "adaptive slices, 300 samples" in shown.stdout
     assert [p.name for p in Path("output").iterdir()] == ["small"], "nothing is left beside"
