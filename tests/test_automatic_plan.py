@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simrig.brdf import Lambert, kurt_material
+from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.protocol import Brdf
 from simrig.core.arrays import components, scale, vector
 from simrig.core.errors import SimrigError
 from simrig.directions.half_difference import to_half_difference
-from simrig.directions.spherical import to_vector
+from simrig.directions.spherical import to_angles, to_vector
 from simrig.methods import METHODS
 from simrig.plans.auto.batches import travel_order
 from simrig.plans.auto.description import describe
@@ -119,6 +119,17 @@ def test_noise_is_seen_and_not_taken_for_anisotropy():
     assert seen.noise == pytest.approx(0.05, rel=0.6)
     assert seen.symmetry.isotropic
     assert seen.symmetry.reciprocal
+
+
+@pytest.mark.parametrize("samples", [1000, 6000])
+def test_errors_of_the_rig_are_not_taken_for_asymmetry(samples):
+    glossy = Ward(m_x=0.03, m_y=0.03)
+    pilot = pilot_pairs(samples, REACH, REACH)
+    (theta_i, phi_i), (theta_v, phi_v) = to_angles(pilot.wi), to_angles(pilot.wv)
+    angles = np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
+    rig = Gonioreflectometer(effects=("positioning", "noise", "quantisation"))
+    seen = describe(pilot, rig.record(glossy, angles).values).symmetry
+    assert seen == Symmetry(True, True, True, True)
 
 
 def test_travel_is_shorter_in_order():

@@ -255,7 +255,7 @@ def _alternatives(symmetry: Symmetry) -> list[Symmetry]:
         ]
         turned.append({**flags, "isotropic": True, "mirror": True, "half_turn": True})
     else:
-        turned = [{**flags, "reciprocal": not symmetry.reciprocal}]
+        turned = [{**flags, name: not flags[name]} for name in ("reciprocal", "mirror")]
         turned += [
             {**flags, "isotropic": False, "reciprocal": swap, "mirror": both, "half_turn": both}
             for swap in (True, False)
