@@ -21,7 +21,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from simrig.planning.change import Display
-from simrig.planning.tail import Tail, tail_of
+from simrig.planning.tail import NO_TAIL, Tail, tail_of
 
 # Pictures are rendered in passes, so memory sets no limit. A plan that asks for more says instead
 # that its tolerance is not kept.
@@ -44,6 +44,7 @@ class SamplingNoise:
         averaging: float = 1.0,
         per_pass: int = MOST_SAMPLES,
         pixels: int = 0,
+        exact: bool = False,
     ) -> None:
         """Take (n, k, 3) samples of n pixels, and what measures changes.
 
@@ -54,6 +55,7 @@ class SamplingNoise:
             averaging: samples that a pixel of the picture averages for each that is drawn in it.
             per_pass: samples per pixel at most that are stratified together.
             pixels: of the whole picture; as many as are looked at by default.
+            exact: each sample is all of the light of its place: nothing is rare.
         """
         self.radiance = radiance
         self.display = display
@@ -61,6 +63,7 @@ class SamplingNoise:
         self.averaging = averaging
         self.per_pass = per_pass
         self.pixels = pixels or len(radiance)
+        self.exact = exact
         self._sum = radiance.sum(axis=1)
 
     def change(self, spp: int) -> float:
@@ -76,7 +79,7 @@ class SamplingNoise:
     @cached_property
     def tail(self) -> Tail:
         """What is rarer than the samples can show."""
-        return tail_of(self.radiance)
+        return NO_TAIL if self.exact else tail_of(self.radiance)
 
     def _independent(self, spp: int) -> float:
         """Return the mean change of a picture of independent samples, without what is rare."""

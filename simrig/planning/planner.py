@@ -398,7 +398,7 @@ def _sampled(
     elif known:
         tested, looked = (one.get("shadows", True) for one in (integrator, subject.direct))
         seconds += (tested - looked) * shadow_seconds(subject)
-    return SampledSubject(subject, seen.radiance, seconds)
+    return SampledSubject(subject, seen.radiance, seconds, exact=known)
 
 
 def _samples(

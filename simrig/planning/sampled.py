@@ -21,6 +21,7 @@ class SampledSubject:
         seconds_per_sample: of that integrator.
         together: how many samples each of them is the mean of; several are independent, and those
             of pixels as the film's filter makes them.
+        exact: each sample is all of the light of its place.
     """
 
     def __init__(
@@ -29,11 +30,13 @@ class SampledSubject:
         radiance: np.ndarray,
         seconds_per_sample: float,
         together: int = 1,
+        exact: bool = False,
     ) -> None:
         self.subject = subject
         self.radiance = radiance
         self.seconds_per_sample = seconds_per_sample
         self.together = together
+        self.exact = exact
 
     def change(self, tolerance: Tolerance, spp: int) -> float:
         """Return the expected change of a picture with ``spp`` samples per pixel."""
@@ -67,4 +70,6 @@ class SampledSubject:
             share = 1.0 / self.together
             return SamplingNoise(self.radiance, display, 1, share, pixels=view.pixels)
         groups = GROUPS if view.stratified else 1
-        return SamplingNoise(self.radiance, display, groups, view.averaging, per_pass, view.pixels)
+        return SamplingNoise(
+            self.radiance, display, groups, view.averaging, per_pass, view.pixels, self.exact
+        )

@@ -18,7 +18,9 @@ from simrig.planning.change import Display
 
 _SHARE = 1.0 / 1024.0  # of the samples that count as the tail
 _FEWEST = 16
+_PARTS = (1, 2, 4)  # of the tail that the exponent is estimated from
 _RARER = 2.0  # than once in the picture
+_REACH = 1000.0  # times the largest deviation that was found: all light is finite
 _STEPS = 25
 _PIXELS = 128
 _FINITE = 2.5  # exponent from which on the variance of samples says all
@@ -63,7 +65,7 @@ class Tail:
         if not len(lit):
             return 0.0
         some = lit[:: max(len(lit) // _PIXELS, 1)]
-        reach = (_RARER * self.rate * spp * pixels) ** (1.0 / self.exponent)
+        reach = min((_RARER * self.rate * spp * pixels) ** (1.0 / self.exponent), _REACH)
         if reach <= 1.0:
             return 0.0
         edges = self.largest * np.geomspace(1.0, reach, _STEPS + 1)
@@ -81,21 +83,29 @@ class Tail:
         return display.of_mean(math.hypot(rare, frequent), lit)
 
 
+NO_TAIL = Tail(math.inf, 0.0, 0.0)
+
+
 def tail_of(radiance: np.ndarray) -> Tail:
     """Return the tail of (n, k, 3) samples of n pixels, of their brightest channels.
 
     Deviations are those from the mean of the pixel, upwards.
     """
-    nothing = Tail(math.inf, 0.0, 0.0)
     count = radiance.shape[0] * radiance.shape[1]
     kept = max(_FEWEST, int(count * _SHARE))
     if count < 4 * kept:
-        return nothing
+        return NO_TAIL
     brightest = radiance.max(axis=2)
     above = (brightest - brightest.mean(axis=1, keepdims=True)).ravel()
     largest = np.sort(np.partition(above, count - kept)[count - kept :])
     if largest[0] <= 0.0 or largest[-1] <= largest[0] * (1.0 + 1e-6):
-        return nothing
-    exponent = 1.0 / float(np.log(largest[1:] / largest[0]).mean())
-    rate = kept / count * (largest[-1] / largest[0]) ** -exponent
-    return Tail(exponent, float(largest[-1]), float(rate))
+        return NO_TAIL
+    # what has an end, such as the edge of a bright face, falls the faster the farther out
+    exponent = max(_hill(largest[-kept // part :]) for part in _PARTS if kept // part >= _FEWEST)
+    return Tail(exponent, float(largest[-1]), 1.0 / count)
+
+
+def _hill(largest: np.ndarray) -> float:
+    """Return the exponent of the power law of rising values; infinite where they are equal."""
+    mean = float(np.log(largest[1:] / largest[0]).mean())
+    return 1.0 / mean if mean > 0.0 else math.inf
