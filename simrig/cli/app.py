@@ -9,6 +9,7 @@ import typer
 from simrig import __version__
 from simrig.cli import (
     ablate,
+    audit,
     compare,
     converge,
     convert,
@@ -62,6 +63,7 @@ for module in (
     info,
     converge,
     ablate,
+    audit,
     distance,
     pareto,
     studies,

@@ -265,7 +265,8 @@ def _standing_doubts(
 ) -> tuple[Doubt, ...]:
     """Return the doubts about a scene; none where every bound of it is a certain zero."""
     sure = all(d.bound is not None and d.bound.value == 0.0 for d in decisions[:2])
-    certain = sure and subject.survey.one_convex_body
+    lit = bool((subject.picture > 0.0).any())
+    certain = sure and subject.survey.one_convex_body and lit
     return () if certain else subject.doubts(allowed)
 
 

@@ -35,6 +35,7 @@ _EACH = 16  # samples of a block at a time
 _CERTAIN = 3.0  # standard errors
 _FEWEST = 2  # rounds of samples, one for each half
 _RENDERS = 3  # of one picture at most
+_AS_GOOD, _LITTLE = 1.5, 0.05  # of a rest, and of the squared tolerance
 _EXPLAINING = ("shadowing", "inter-reflection", "environment", "mesostructure", "bsdf-sampling")
 
 
@@ -164,7 +165,10 @@ class Estimate:
         return Check(self._least(means, halves), samples, spent)
 
     def cause(self) -> str:
-        """Return the left-out effect that brings the plan nearest to everything; empty for none."""
+        """Return the left-out effect that brings the plan near to everything; empty for none.
+
+        Of several that do the simplest, which is named first.
+        """
         everything = np.mean(self._everything, axis=0)
         apart = {}
         for effect in _EXPLAINING:
@@ -176,7 +180,10 @@ class Estimate:
                 seen = np.mean([next(rounds)[0] for _ in self._everything], axis=0)
             step = self.display.coordinates(seen) - self.display.coordinates(everything)
             apart[effect] = float((step**2).sum(axis=1).mean())
-        return min(apart, key=apart.__getitem__) if apart else ""
+        if not apart:
+            return ""
+        enough = _AS_GOOD * min(apart.values()) + _LITTLE * self.plan.tolerance.amount**2
+        return next(effect for effect, rest in apart.items() if rest <= enough)
 
     @property
     def _cut(self) -> list[tuple[slice, slice]]:
