@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from command_line import done, refusal
 
 SCENE = """<scene version="3.0.0"><sensor type="perspective"><transform name="to_world">
