@@ -200,7 +200,8 @@ def _off(image: np.ndarray, reference: Replicates, plan: Any) -> tuple[float | N
     if not mask.any():
         return 0.0, 0.0
     metric, exposure = plan.tolerance.metric, plan.about["exposure"]
-    error = distances(*reference.halves, mask, exposure)[metric] / 2.0
+    first, second = reference.halves
+    error = distances(first, second, mask, exposure)[metric] / 2.0
     return distances(reference.image, image, mask, exposure)[metric], error
 
 
