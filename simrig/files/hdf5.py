@@ -23,6 +23,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.atomic import atomic_write, existing_file
 from simrig.files.full_disk import FileOnFullDisk
+from simrig.files.heaps import check_heaps
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 FORMAT_VERSION = 1
@@ -34,6 +35,9 @@ CONVENTIONS = (
 LARGEST_ARRAY = 1 << 32  # bytes; a file that claims more is refused before it is read
 _DEFLATE_LIMIT = 1100  # deflate cannot shrink anything by more than 1032
 _HEADROOM = 1 << 16
+
+# what h5py raises for damaged files, and what reading their content may come to
+_DAMAGE = (OSError, LookupError, RuntimeError, TypeError, ValueError, AttributeError, MemoryError)
 
 # What files of version 0.1 call things: (now, then)
 _NAMES_OF_0_1 = {
@@ -100,27 +104,29 @@ def open_checked(path: str | Path, content: str) -> Iterator[h5py.File]:
     with open(path, "rb") as start:
         if start.read(len(MAGIC)) != MAGIC:
             raise SimrigError(f"'{path}' is not an HDF5 file")
+    check_heaps(path)
     try:
         file = h5py.File(path, "r")
-    except OSError as error:
+    except _DAMAGE as error:
         raise SimrigError(f"HDF5 file '{path}' is damaged or truncated") from error
     with file:
-        _check_attributes(path, file, content)
         try:
+            _check_attributes(path, file, content)
             yield file
         except SimrigError:
             raise
-        except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
+        except _DAMAGE as error:
             raise SimrigError(f"HDF5 file '{path}' is damaged: {_one_line(error)}") from error
 
 
 def content_of(path: str | Path) -> str:
     """Return what a simrig file says that it holds; an empty text for any other HDF5 file."""
     try:
-        with h5py.File(existing_file(path), "r") as file:
+        check_heaps(existing_file(path))
+        with h5py.File(path, "r") as file:
             ours = _text(file.attrs.get("format")) == "simrig"
             return name_now(_text(file.attrs.get("content"))) if ours else ""
-    except OSError:
+    except _DAMAGE:
         return ""
 
 

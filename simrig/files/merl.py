@@ -18,6 +18,7 @@ from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.atomic import atomic_write, existing_file
 
 SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
+_LARGEST = 1e35  # what single precision holds, with room for the scales
 INVALID = ("fill", "black", "refuse")
 _HEADER = 12
 SIZE = _HEADER + 24 * int(np.prod(MERL_SHAPE))
@@ -44,9 +45,12 @@ def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -
     shape = _checked_shape(path)
     planes = np.fromfile(path, dtype="<f8", offset=_HEADER).reshape(3, *shape)
     values = np.moveaxis(planes, 0, -1)
-    if not np.all(np.isfinite(values)):
-        count = int((~np.isfinite(values)).sum())
-        raise SimrigError(f"'{path}' has {count} NaN or infinite values: the data are damaged")
+    usable = np.abs(values) < _LARGEST  # false for NaN
+    if not np.all(usable):
+        raise SimrigError(
+            f"'{path}' has {int((~usable).sum())} NaN or infinite values, or ones beyond "
+            f"{_LARGEST:g}: the data are damaged"
+        )
     valid = np.all(values >= 0.0, axis=-1)
     missing = int(valid.size - valid.sum())
     values = values * SCALE

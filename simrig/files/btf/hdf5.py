@@ -234,4 +234,24 @@ def read_btf(path: str | Path) -> BtfStack:
         provenance = provenance_of(file)
     # the dataset keeps the file open for as long as someone holds it
     opened = h5py.File(path, "r")
-    return BtfStack(opened["values"], angles, size, name, provenance)
+    return BtfStack(_ImagesInFile(opened["values"]), angles, size, name, provenance)
+
+
+class _ImagesInFile:
+    """The images of a file, read when they are asked for; damage there is said in one line."""
+
+    def __init__(self, values: h5py.Dataset):
+        self._values = values
+        self.shape, self.dtype = values.shape, values.dtype
+
+    def __getitem__(self, part: Any) -> np.ndarray:
+        try:
+            return self._values[part]
+        except (OSError, RuntimeError) as error:
+            raise SimrigError(
+                f"the images of '{self._values.file.filename}' are damaged: "
+                + " ".join(str(error).split())
+            ) from error
+
+    def __len__(self) -> int:
+        return int(self.shape[0])
