@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from simrig.brdf.kriging.choice import choose_model
-from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
+from simrig.brdf.kriging.choice import choose_model, final_model
+from simrig.brdf.kriging.model import KrigingModel, Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
 from simrig.directions.spherical import to_vector
@@ -59,7 +59,7 @@ def reconstruct_kriging(measurement: AnyMeasurement) -> Reconstructed:
     samples = samples_of(measurement)
     if has_findings(measurement.layout):
         findings = findings_of(measurement.layout)
-        model = fit_model(samples, findings.symmetry, final=True)
+        model = final_model(samples, findings.symmetry)
         said = [findings.why(), f"predicted ΔE {findings.predicted_delta_e:.2g}"]
     else:
         model = choose_model(samples, final=True)

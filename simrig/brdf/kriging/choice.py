@@ -6,12 +6,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from simrig.brdf.kriging.coordinates import prior_of
 from simrig.brdf.kriging.displayed import shown
 from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
 from simrig.brdf.kriging.symmetry import Symmetry
 
 # more symmetries are taken when they predict at most this much worse
 _TIE = 1.02
+# where fits start too: width of the highlight in radians, logit of the linear share
+_STARTS = ((0.002, 1.7), (0.3, 1.0))
 
 SYMMETRIES: tuple[Symmetry, ...] = (
     Symmetry(isotropic=True, reciprocal=True, mirror=True, half_turn=True),
@@ -37,6 +40,21 @@ def left_out_error(model: KrigingModel) -> float:
     weight = shown(radiance, model.level)
     displayed = np.mean(np.abs(misses) * weight) / max(np.mean(weight), 1e-300)
     return float(np.sqrt(displayed * np.mean(np.abs(misses))) + 1e-12)
+
+
+def final_model(samples: Samples, symmetry: Symmetry) -> KrigingModel:
+    """Return the model of all samples, searched from narrow, usual and wide highlights.
+
+    The criterion of a fit has several valleys; the left-out samples say which is best.
+    """
+    usual = prior_of(symmetry).mean
+    starts = [usual]
+    for width, linear in _STARTS:
+        start = usual.copy()
+        start[-3:-1] = np.log(width), linear
+        starts.append(start)
+    models = [fit_model(samples, symmetry, start, final=True) for start in starts]
+    return min(models, key=left_out_error)
 
 
 def choose_model(
