@@ -34,6 +34,8 @@ _BLOCKS = 32  # along the longer side of the picture
 _EACH = 16  # samples of a block at a time
 _CERTAIN = 3.0  # standard errors
 _FEWEST = 2  # rounds of samples, one for each half
+# Below this a difference may come from how blocks stand for pixels, in the unit of a tolerance.
+_LEAST = {"dE": 0.2, "psnr": 0.5, "relative": 0.005}
 _RENDERS = 3  # of one picture at most
 _AS_GOOD, _LITTLE = 1.5, 0.05  # of a rest, and of the squared tolerance
 _EXPLAINING = ("shadowing", "inter-reflection", "environment", "mesostructure", "bsdf-sampling")
@@ -85,7 +87,7 @@ def verified_render(
             estimate = Estimate(View(loaded, plan.settings.get("sensor", 0)), plan)
             check = estimate.check(result.image, max(SHARE * result.run_seconds, LEAST_SECONDS))
             spent += check.seconds
-            contradicted = check.least > plan.tolerance.amount
+            contradicted = check.least > max(plan.tolerance.amount, _LEAST[plan.tolerance.metric])
             cause = estimate.cause() if contradicted and len(switched) + 1 < _RENDERS else ""
             if not cause:
                 return result, _reported(plan, check, contradicted, switched, spent)

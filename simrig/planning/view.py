@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -139,12 +140,16 @@ class View:
     def blocks(self, along: int) -> np.ndarray:
         """Return the picture in blocks, (m, 4): column, row, width and height of each.
 
+        Without its border, where the film's filter is cut off, unless there is nothing else.
+
         Args:
             along: how many there are along the longer side, at most.
         """
+        border = 0 if self._filter is None else math.ceil(float(self._filter[0][-1]))
+        border = border if min(self.size) > 4 * border else 0
         side = max(-(-max(self.size) // along), 1)
-        columns, rows = (range(0, n, side) for n in self.size)
-        width, height = self.size
+        width, height = (n - border for n in self.size)
+        columns, rows = range(border, width, side), range(border, height, side)
         return np.array(
             [(x, y, min(side, width - x), min(side, height - y)) for y in rows for x in columns]
         )
