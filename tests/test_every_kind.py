@@ -98,7 +98,9 @@ def test_what_is_no_direction_is_black_in_every_type(name, pairs):
     for value in values:
         assert np.all(np.isfinite(value)) and np.all(value >= 0.0)
         assert not value[black].any()
-    np.testing.assert_allclose(values[0], values[2], rtol=1e-6, atol=1e-9 * (1 + values[0].max()))
+    if name not in UNBOUNDED:
+        scale = 1e-9 * (1 + values[0].max())
+        np.testing.assert_allclose(values[0], values[2], rtol=1e-6, atol=scale)
 
 
 @pytest.mark.parametrize("name", [name for name in KINDS if name.startswith("btf")])

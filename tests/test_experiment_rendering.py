@@ -9,7 +9,7 @@ import pytest
 
 from simrig.brdf import Lambert, kurt_material
 from simrig.brdf.tables.resample import resample_dense
-from simrig.evaluation.experiment.checkpoint import Checkpoint, Steps
+from simrig.evaluation.experiment.checkpoint import Parts, Steps
 from simrig.evaluation.experiment.config import Experiment, RenderingSettings, SceneSettings
 from simrig.evaluation.experiment.plans import experiment_scene
 from simrig.evaluation.experiment.scenes import SceneRenderer
@@ -23,9 +23,7 @@ def renderer(tmp_path: Path, rendering: RenderingSettings) -> SceneRenderer:
     scene = SceneSettings("sphere", {"resolution": 16})
     config = Experiment(material="fabric112", rendering=rendering, scenes=(scene,))
     (tmp_path / "pictures" / "sphere").mkdir(parents=True)
-    return SceneRenderer(
-        "sphere", scene, config, tmp_path, Checkpoint(tmp_path, {}), Steps(1, None)
-    )
+    return SceneRenderer("sphere", scene, config, tmp_path, Parts(tmp_path, {}), Steps(1, None))
 
 
 @pytest.mark.usefixtures("variant_llvm")

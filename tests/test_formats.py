@@ -527,7 +527,7 @@ def test_other_formats_are_named(tmp_path, content, message) -> None:
 def test_options_for_another_format_are_refused(tmp_path) -> None:
     path = tmp_path / "a.npz"
     save_material(path, Lambert())
-    with pytest.raises(SimrigError, match="--layout is for utia, utia-exr; the file is"):
+    with pytest.raises(SimrigError, match="'layout' is for utia, utia-exr; the file is"):
         load_material(path, layout="6x48")
     doubled = load_material(path, factor=2.0)
     np.testing.assert_allclose(at(doubled, 0, 0, 30, 0), 1.0 / np.pi, rtol=1e-6)

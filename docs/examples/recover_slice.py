@@ -15,6 +15,7 @@ import numpy as np
 
 from simrig.brdf.kurt_materials import kurt_material
 from simrig.core import backend
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.plugins import make_bsdf
 from simrig.reconstruction.slices.tables import reconstruct
@@ -40,9 +41,9 @@ def sphere_scene(bsdf: object, light: tuple[float, float, float]) -> object:
 
 def recover(steps: int = 60) -> tuple[float, float]:
     """Return the relative error of the slice where it is in view, before and after."""
-    placement = SlicePlacement.from_degrees(20.0, 45.0)
+    plan = SlicePlan(SlicePlacement.from_degrees(20.0, 45.0), 2000)
     material = kurt_material("yellow_satin")
-    slices = reconstruct(Gonioreflectometer().measure(material, placement, 2000))
+    slices = reconstruct(Gonioreflectometer().measure(material, plan))
     bsdf = make_bsdf(slices)
     params = mi.traverse(bsdf)  # all scenes share the BSDF
     scenes = [sphere_scene(bsdf, light) for light in LIGHTS]

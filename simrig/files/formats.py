@@ -197,8 +197,9 @@ class ReadOptions:
             if getattr(self, option.name) is None or option.name in FORMATS[format].options:
                 continue
             takers = [f.name for f in FORMATS.values() if option.name in f.options]
-            flag = "--" + option.name.replace("_", "-")
-            raise SimrigError(f"{flag} is for {', '.join(takers)}; the file is of format {format}")
+            raise SimrigError(
+                f"'{option.name}' is for {', '.join(takers)}; the file is of format {format}"
+            )
 
 
 @dataclass(frozen=True)

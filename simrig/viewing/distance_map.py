@@ -21,6 +21,7 @@ from simrig.core.errors import SimrigError, unknown_name
 from simrig.files.images import encode_srgb
 from simrig.plugins.make import building
 from simrig.rendering.pixel_samples import probe_centres, shape_numbers
+from simrig.rendering.scene_file import SceneFile
 from simrig.viewing.plots import finish_figure, new_figure
 
 MM = 1e-3  # metres in a unit of our scenes
@@ -78,8 +79,8 @@ def distance_map(
     """Return where the structure of a scene's materials is visible from its first camera.
 
     Args:
-        scene: a dictionary, the path of an XML file, or what ``load_as_written`` returns, with
-            an LLVM or CUDA variant set.
+        scene: a dictionary, the path of an XML file, a ``SceneFile``, or what
+            ``load_as_written`` returns, with an LLVM or CUDA variant set.
         critical_m: critical viewing distances in metres, by the identifiers of shapes or of
             their BSDFs; a shape's own goes first.
         metres_per_unit: what one unit of the scene is; a millimetre by default.
@@ -116,13 +117,14 @@ def load_as_written(scene: Any) -> Any:
     Raises:
         SimrigError: Mitsuba cannot build it, in one line.
     """
-    if not isinstance(scene, dict | Path):
-        return scene
     if isinstance(scene, dict):
         with building("the scene"):
             return mi.load_dict(scene, optimize=False)
-    with building(f"the scene '{scene}'"):
-        return mi.load_file(str(scene), optimize=False)
+    if not isinstance(scene, Path | SceneFile):
+        return scene
+    file = scene if isinstance(scene, SceneFile) else SceneFile(scene)
+    with building(f"the scene '{file.path}'"):
+        return mi.load_file(str(file.path), optimize=False, **file.parameters)
 
 
 def _first_hits(scene: Any) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:

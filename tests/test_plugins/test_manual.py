@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
 
 import mitsuba as mi
+import numpy as np
 import pytest
 
+from simrig.brdf.tables.dense import DenseTable
 from simrig.btf.synthetic import bumps
 from simrig.files.btf.hdf5 import write_btf
-from simrig.files.load import save_material
+from simrig.files.load import ReadOptions, save_material
 from simrig.plugins.manual import DOCUMENTED, with_manual
 from simrig.plugins.named import PLUGINS
 
@@ -57,10 +60,17 @@ def test_the_blocks_of_the_page_run(tools, variant_llvm, tmp_path, monkeypatch):
 def test_every_documented_parameter_is_accepted(name, tools, variant_llvm, tmp_path):
     """Those of the table, all at once, are known to the plugin; Mitsuba refuses unknown ones."""
     save_material(tmp_path / "slices.h5", tools.slices())
-    values = {"filename": str(tmp_path / "slices.h5"), "variant": "ward", "rotation": 5.0}
+    save_material(tmp_path / "table.h5", DenseTable(np.ones((3, 3, 4, 4, 3)), 0.5))
+    file = tmp_path / ("slices.h5" if name == "simrig_slices" else "table.h5")
+    values = {"filename": str(file), "variant": "ward", "rotation": 5.0}
     rows = re.findall(r"^\s*\| (\w[\w, ]*) \|", PLUGINS[name].__doc__ or "", flags=re.M)
     names = [part for row in rows[1:] for part in row.split(", ") if part != "material"]
     assert "rotation" in names
+    of_other_formats = set(names) & {option.name for option in fields(ReadOptions)[2:]}
+    for option in of_other_formats:
+        with pytest.raises(RuntimeError, match=f"'{option}' is for"):
+            mi.load_dict({"type": name, "filename": values["filename"], option: "6x48"})
+    names = [part for part in names if part not in of_other_formats]
     mi.load_dict({"type": name, **{key: values.get(key, 0.25) for key in names}})
 
 
