@@ -123,8 +123,9 @@ def load_as_written(scene: Any) -> Any:
     if not isinstance(scene, Path | SceneFile):
         return scene
     file = scene if isinstance(scene, SceneFile) else SceneFile(scene)
+    parameters: Mapping[str, Any] = file.parameters
     with building(f"the scene '{file.path}'"):
-        return mi.load_file(str(file.path), optimize=False, **file.parameters)
+        return mi.load_file(str(file.path), optimize=False, **parameters)
 
 
 def _first_hits(scene: Any) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
