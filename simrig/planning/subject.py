@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -148,8 +149,8 @@ class SceneSubject:
         """
         lit = int((self.probe.picture > 0.0).any(axis=1).sum())
         looked, samples = self.probe.radiance.shape[:2]
-        unseen = 1.0 - looked / self.pixels
-        return min(3.0 / max(lit, 1) * (unseen + 1.0 / samples), 1.0)
+        unseen = max(1.0 - looked / max(self.view.filled * self.pixels, 1.0), 0.0)
+        return min(3.0 / max(lit, 1) * (unseen + 1.0 / math.sqrt(samples)), 1.0)
 
     def display(self, tolerance: Tolerance) -> Display:
         """Return what measures changes of the picture in the unit of a tolerance."""

@@ -12,12 +12,14 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.planning import rays
+from simrig.planning.integrators import hides_emitters
 from simrig.rendering.sampled_pass import takes_colours
 
 PIXELS = 1024  # looked at, at most
 SEED = 20_240_607  # plans are reproducible
 GROUPS = 4  # into which the samples of a pixel fall
 SAMPLER = "multijitter"  # of pictures that are planned: stratified in every pair of dimensions
+_CANDIDATES, _TRIES = 16 * PIXELS, 4  # pixels of which those are chosen, and rays through each
 _STEPS = 256  # of the half of a reconstruction filter
 
 
@@ -58,13 +60,42 @@ class View:
     def chosen(self) -> np.ndarray:
         """The pixels that are looked at, (n, 2) columns and rows; all of them when there are few.
 
-        One at random in each of n equal runs of pixels.
+        Changes are means over pixels that are not black, so those that see something come first.
         """
+        if self.pixels <= PIXELS or self._sees_surroundings:
+            return self._spread_out(min(PIXELS, self.pixels))
+        candidates = self._spread_out(min(_CANDIDATES, self.pixels))
+        hit = self._hit(candidates)
+        seeing, others = candidates[hit], candidates[~hit]
+        return np.concatenate([_some(seeing, PIXELS), _some(others, max(PIXELS - len(seeing), 0))])
+
+    @cached_property
+    def filled(self) -> float:
+        """The share of the picture's pixels that see something, about."""
+        if self.pixels <= PIXELS or self._sees_surroundings:
+            return 1.0
+        return float(self._hit(self._spread_out(min(_CANDIDATES, self.pixels))).mean())
+
+    @property
+    def _sees_surroundings(self) -> bool:
+        return self.scene.environment() is not None and not hides_emitters(self.scene)
+
+    def _spread_out(self, count: int) -> np.ndarray:
+        """Return pixels, one at random in each of ``count`` equal runs of them."""
         rng = np.random.default_rng(SEED)
-        count = min(PIXELS, self.pixels)
         index = ((np.arange(count) + rng.random(count)) * self.pixels / count).astype(np.int64)
         index = np.minimum(index, self.pixels - 1)
         return np.stack([index % self.size[0], index // self.size[0]], axis=-1)
+
+    def _hit(self, pixels: np.ndarray) -> np.ndarray:
+        """Return which pixels see a surface along one of a few rays."""
+        count = len(pixels) * _TRIES
+        drawn = _sampler(_TRIES, SEED + 7, count)
+        index = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, _TRIES)
+        corner = [dr.gather(mi.Float, rays.on_device(axis), index) for axis in pixels.T]
+        found, _ = self._through(corner, drawn, count)
+        met = np.array(self.scene.ray_test(found) & dr.full(mi.Bool, True, count))
+        return np.asarray(met.reshape(len(pixels), _TRIES).any(axis=1))
 
     @cached_property
     def _filter(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -183,6 +214,13 @@ class View:
         found, weight = self.sensor.sample_ray_differential(time, wavelength, place, aperture)
         weight = mi.Spectrum(weight) + dr.zeros(mi.Spectrum, count)
         return rays.wide(found, count), weight
+
+
+def _some(pixels: np.ndarray, most: int) -> np.ndarray:
+    """Return as many pixels as may be, evenly spread over them."""
+    if len(pixels) <= most:
+        return pixels
+    return pixels[(np.arange(most) * len(pixels) / max(most, 1)).astype(np.int64)]
 
 
 def _sampler(each: int, seed: int, count: int) -> Any:
