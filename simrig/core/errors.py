@@ -11,8 +11,12 @@ _ALSO = {"delta-e": "dE", "delta-e-1976": "dE"}  # what people write for names o
 class SimrigError(ValueError):
     """Bad input: one line that says what was wrong and what to do.
 
-    The command line prints the message without a traceback and exits with code 2.
+    The command line prints the message without a traceback and exits with code 2. Names that come
+    from damaged files may hold line breaks and control characters: each is shown as a space.
     """
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__("".join(c if c.isprintable() else " " for c in str(message)))
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> SimrigError:
