@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,14 @@ def hear_interrupts() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def begin_with_the_usual_variant() -> None:
+    """Let no file of tests inherit the variant that another one ended with."""
+    mi = sys.modules.get("mitsuba")
+    if mi is not None and mi.variant() not in (None, "llvm_ad_rgb"):
+        mi.set_variant("llvm_ad_rgb")
 
 
 @pytest.fixture
