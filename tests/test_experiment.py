@@ -303,7 +303,7 @@ def test_totals_and_pareto_front() -> None:
             "key": key,
             "label": key,
             "method": "slices",
-            "brdf": {"mre_percent": error},
+            "brdf": {"mre_percent": error, "log_error_percent": None},
             "cost": {
                 "sampling": {"samples": samples, "hardware_seconds": 3600.0 * samples, **zero},
                 "reconstruction": {"bytes": 5, **zero},
@@ -320,6 +320,7 @@ def test_totals_and_pareto_front() -> None:
     assert rows[0]["hardware_hours"] == 10.0
     assert (rows[0]["compute_seconds"], rows[0]["compile_seconds"]) == (8.0, 2.0)
     assert (rows[0]["delta_e"], rows[0]["flip"]) == (2.0, pytest.approx(0.2))
+    assert all(row["pareto"]["log_error_percent"] == [] for row in rows)  # not known
     fronts = [row["pareto"]["mre_percent"] for row in rows]
     assert fronts == [
         ["samples", "hardware_hours"],

@@ -18,6 +18,7 @@ from simrig.btf.synthetic import bumps
 from simrig.core.errors import SimrigError
 from simrig.core.shown import Shown
 from simrig.directions.discs import disc
+from simrig.evaluation.metrics.meanings import BRDF_METRICS
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKED = ("plugins", "scenes", "evaluation")  # top-level folders that install below simrig
@@ -163,6 +164,7 @@ def test_the_example_of_the_door(tmp_path: Path) -> None:
     ours = sr.reconstruct(scan, method="slices")
     found = sr.compare(satin, ours, step_deg=10)
     assert 0.0 < found.mre < 30.0
+    assert str(found).startswith(f"CIE ΔE 1976 {found.delta_e:.4g} ΔE, log error ")
     assert f"MRE {found.mre:.4g} %" in str(found)
     truth, image = (sr.render(sr.scene("sphere", m), spp=16) for m in (satin, ours))
     seen = sr.compare(truth, image)
@@ -180,7 +182,7 @@ def test_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(block, "README.md", "exec"), {})
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].startswith("8,911 samples, 25.5 h of simulated hardware")
-    assert [line.split()[0] for line in printed[1:]] == ["MRE", "128", "CIE"]
+    assert [line.split()[0] for line in printed[1:]] == ["CIE", "128", "CIE"]
     assert Path("ours.h5").is_file() and Path("ours.exr").is_file()
 
 
@@ -279,7 +281,9 @@ def test_results_are_numpy_arrays(btf: sr.Btf) -> None:
     assert grid.shape == (6, 6, 24, 24, 3)
     assert np.ptp(grid) == 0.0
     found = sr.compare("lambert", "ward", step_deg=20)
-    np.testing.assert_array_equal(np.asarray(found), [found.mre, found.rmse, found.log_psnr])
+    np.testing.assert_array_equal(
+        np.asarray(found), [getattr(found, name) for name in BRDF_METRICS]
+    )
 
 
 def test_the_automatic_plan_measures_and_its_file_is_reconstructed(tmp_path: Path) -> None:

@@ -297,6 +297,10 @@ def test_brdfs_compared_by_hand():
     truth, double = Lambert((0.2, 0.4, 0.3)), Lambert((0.4, 0.8, 0.6))
     result = compare_brdfs(truth, double, step_deg=20.0)
     assert result.mre == pytest.approx(100.0, rel=1e-6)
+    assert result.median_relative_error == pytest.approx(100.0, rel=0.006)
+    logs = [math.log((2 * a / math.pi + 1e-3) / (a / math.pi + 1e-3)) for a in (0.2, 0.4, 0.3)]
+    assert result.log_error == pytest.approx(100.0 * sum(logs) / 3, rel=1e-5)
+    assert result.delta_e > 10.0
     mean_square = (0.2**2 + 0.4**2 + 0.3**2) / 3 / math.pi**2
     assert result.rmse == pytest.approx(math.sqrt(mean_square), rel=1e-6)
     expected = 20.0 * math.log10(4.0 / math.log10(2.0))
@@ -318,6 +322,19 @@ def test_brdfs_log_psnr_agrees_with_the_definition_on_arrays():
     assert result.to_dict()["excluded"] == 0
     same = compare_brdfs(truth, truth, step_deg=20.0)
     assert same.mre == 0.0 and same.to_dict()["log_psnr"] is None
+
+
+def test_a_black_material_beside_others():
+    black, white = Lambert((0.0, 0.0, 0.0)), Lambert((1.0, 1.0, 1.0))
+    found = compare_brdfs(black, white, step_deg=20.0)
+    assert found.to_dict()["mre"] is None and "MRE none" in str(found)
+    assert found.log_error == pytest.approx(100.0 * math.log(1.0 + 1000.0 / math.pi), rel=1e-5)
+    assert found.delta_e > 50.0
+    same = compare_brdfs(black, black, step_deg=20.0)
+    assert (same.delta_e, same.log_error) == (0.0, 0.0)
+    assert (
+        compare_brdfs(white, np.ones((5, 5, 18, 18, 3)), step_deg=20.0).to_dict()["delta_e"] is None
+    )
 
 
 def test_negative_pixels_are_counted_and_set_to_zero(rng) -> None:

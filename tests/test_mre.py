@@ -108,8 +108,46 @@ def test_zeros_of_the_truth_are_left_out_and_counted():
     found = mre_exact(truth, other, step_deg=STEP)
     assert found.excluded == zeros
     assert found.percent == pytest.approx(100.0, rel=1e-5)
-    with pytest.raises(SimrigError, match="zero everywhere"):
-        mre_exact(Lambert((0.0, 0.0, 0.0)), other, step_deg=STEP)
+
+
+def test_a_black_truth_has_no_relative_error_but_a_logarithmic_one():
+    black, other = Lambert((0.0, 0.0, 0.0)), Lambert((0.3 * np.pi,) * 3)
+    for found in (
+        mre_exact(black, other, step_deg=STEP),
+        mre_estimate(black, other, 500, step_deg=STEP, relative_standard_error=0.02),
+        mre_estimate(black, black, 500, step_deg=STEP),
+    ):
+        assert np.isnan(found.percent) and np.isnan(found.median_percent)
+    expected = 100.0 * np.log(0.301 / 0.001)
+    assert mre_exact(black, other, step_deg=STEP).log_percent == pytest.approx(expected, rel=1e-5)
+    assert mre_exact(black, black, step_deg=STEP).log_percent == 0.0
+
+
+@pytest.mark.parametrize("name", ["brushed_aluminium", "yellow_satin", "fabric112"])
+def test_median_and_logarithmic_errors_are_their_definitions(name):
+    truth, other = kurt_material(name), rougher(name)
+    f, g = dense(truth, GRID), dense(other, GRID)
+    median = 100.0 * np.median(np.abs(f - g) / f)
+    logarithmic = 100.0 * np.mean(np.abs(np.log((g + 1e-3) / (f + 1e-3))))
+    for approximation in (other, g):
+        found = mre_exact(truth, approximation, step_deg=STEP)
+        assert found.median_percent == pytest.approx(median, rel=0.011, abs=1e-4)  # half a bin
+        assert found.log_percent == pytest.approx(logarithmic, rel=1e-4)
+    guess = mre_estimate(truth, other, 8000, seed=2, step_deg=STEP)
+    assert guess.median_percent == pytest.approx(median, rel=0.1)
+    assert abs(guess.log_percent - logarithmic) < 4.0 * guess.log_standard_error_percent
+    assert 0.0 < guess.log_standard_error_percent < 0.05 * logarithmic
+
+
+def test_dark_values_carry_the_mean_away_and_not_the_others():
+    truth, other = Shadowed(value=0.15, dark=1e-9), Lambert((0.15 * np.pi,) * 3)
+    found = mre_exact(truth, other, step_deg=STEP)
+    assert found.percent > 1e6
+    assert found.median_percent < 1e-3  # more than half of the values are right
+    dark = (dense(truth, GRID) < 0.1).mean()
+    assert 0.0 < dark < 0.5
+    expected = 100.0 * dark * np.log(0.151 / 0.001)
+    assert found.log_percent == pytest.approx(expected, rel=1e-4)
 
 
 def test_a_black_channel_is_left_out():

@@ -49,6 +49,9 @@ def row(method: str, samples: int, hours: float, mre: float, **more: Any) -> dic
         "bytes": 1000 * samples,
         "mre_percent": mre,
         "mre_standard_error_percent": 0.1,
+        "median_relative_error_percent": mre / 3.0,
+        "log_error_percent": mre / 4.0,
+        "log_error_standard_error_percent": 0.05,
         "delta_e": mre / 2.0,
         "psnr": 50.0 - mre,
     }
@@ -126,6 +129,15 @@ def test_means_are_over_what_every_material_has() -> None:
     assert mean["name"] == "mean of 2"
     assert [(one["method"], one["mre_percent"]) for one in mean["rows"]] == [("slices", 6.0)]
     assert mean["rows"][0]["mre_standard_error_percent"] == pytest.approx(0.1 / np.sqrt(2.0))
+
+
+def test_what_has_no_relative_error_is_judged_by_the_others() -> None:
+    black = {**GOOD, "mre_percent": None, "median_relative_error_percent": None}
+    (one,) = summarised(CHEAP, black)["subjects"]
+    assert "choose" in advise(one, METRICS["dE"], error=100.0)["line"]
+    assert CHEAP["method"] in advise(one, METRICS["mre"], error=100.0)["line"]
+    assert all(row["front"]["mre"] == [] for row in one["rows"] if row["mre_percent"] is None)
+    assert len(subject_tables({"subjects": [one]}, "log")) == 1
 
 
 def test_a_plan_that_repeats_itself_is_shown_once() -> None:

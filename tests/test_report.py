@@ -101,10 +101,22 @@ def test_what_the_user_wrote_is_escaped(report: str) -> None:
 
 def test_figures_stand_beside_their_cost(report: str) -> None:
     text = " ".join(Reader(report).text.split())
-    for part in ("MRE", "ΔE", "Pareto front", "h measuring", "700 samples", "fingerprint"):
+    for part in (
+        "MRE",
+        "log error",
+        "edian relative error",
+        "ΔE",
+        "Pareto front",
+        "h measuring",
+        "700 samples",
+        "fingerprint",
+    ):
         assert part in text
     assert "255 − 10 · |difference|" in text
-    assert "above 100 %" not in text
+    headline = text[: text.index("The reference beside")]
+    assert re.search(r"[\d.]+ ΔE mean colour difference of the pictures, adaptive slices", headline)
+    assert re.search(r"[\d.]+ ΔE mean colour difference of the pictures, from a regular", headline)
+    assert "mean relative error over all directions" not in headline
     assert not re.search(r"\bNone\b|\bnan\b|\binf\b|Undefined", text)
 
 

@@ -31,7 +31,7 @@ FORMAT, FORMAT_VERSION = "simrig experiment", 1
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "scikit-image", "colour-science")
 
 # what the accuracy-versus-cost curves show
-ACCURACY = ("mre_percent", "delta_e")
+ACCURACY = ("delta_e", "log_error_percent", "mre_percent")
 _COSTS = tuple(COSTS[name] for name in ("samples", "hours", "seconds"))
 
 
@@ -68,8 +68,9 @@ def brdf_errors(
         seed: of the random directions.
 
     Returns:
-        ``estimate``: the MRE from random directions with its standard error; ``exact``: every
-        metric over the whole grid, None when that was not asked for. Plain values.
+        ``log_error_percent``, ``median_relative_error_percent`` and ``mre_percent`` (None where
+        the truth is zero everywhere); ``estimate``: the same from random directions with standard
+        errors; ``exact``: every metric over the whole grid, None when that was not asked for.
     """
     about: dict[str, Any] = {"step_deg": grid.step_deg, "theta_max_deg": grid.theta_max_deg}
     elapsed = stopwatch()
@@ -82,13 +83,20 @@ def brdf_errors(
         compared = compare_brdfs(truth, other, **about)
         exact = compared.to_dict() | _plain(compared.relative_error)
         exact["seconds"] = elapsed()
-    return {"mre_percent": (exact or estimate)["percent"], "estimate": estimate, "exact": exact}
+    best = exact or estimate
+    return {
+        "log_error_percent": best["log_percent"],
+        "median_relative_error_percent": best["median_percent"],
+        "mre_percent": best["percent"],
+        "estimate": estimate,
+        "exact": exact,
+    }
 
 
 def _plain(error: RelativeError) -> dict[str, Any]:
     values = asdict(error)
     values["channels_percent"] = [finite(value) for value in error.channels_percent]
-    return values
+    return values | {name: finite(values[name]) for name in ("percent", "median_percent")}
 
 
 def material_facts(
@@ -157,9 +165,8 @@ def accuracy_versus_cost(records: Sequence[Mapping[str, Any]]) -> list[dict[str,
             for name in ("delta_e", "delta_e_2000", "flip")
         }
         row = {key: record[key] for key in ("key", "method", "label")}
-        rows.append(
-            {**row, "mre_percent": record["brdf"]["mre_percent"], **means, **record["total"]}
-        )
+        errors = {key: value for key, value in record["brdf"].items() if key.endswith("_percent")}
+        rows.append({**row, **errors, **means, **record["total"]})
     for row in rows:
         row["pareto"] = {error: [] for error in ACCURACY}
     for error in ACCURACY:

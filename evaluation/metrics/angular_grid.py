@@ -13,8 +13,10 @@ from simrig.brdf.protocol import Brdf
 from simrig.core import backend
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
+from simrig.evaluation.metrics.pointwise import BINS, bin_of, log_difference
 
 CHANNELS = 3
+_SUMS = 5  # of each pair of polar angles and channel
 _LANES = 1 << 21  # directions in flight: 25 MB per array of colours
 
 
@@ -73,6 +75,8 @@ class GridSums:
         squared: Σ (f − f')², in 1/sr².
         squared_log: Σ (log10 f − log10 f')², both raised to ``log_floor`` first.
         counted: number of values with f > 0.
+        log: Σ |ln((f' + ε) / (f + ε))| (see ``simrig.evaluation.metrics.pointwise``).
+        bins: (BINS,) number of values with f > 0 by their relative difference.
         directions: direction pairs that were evaluated (half of them under reciprocity).
     """
 
@@ -81,6 +85,8 @@ class GridSums:
     squared: np.ndarray
     squared_log: np.ndarray
     counted: np.ndarray
+    log: np.ndarray
+    bins: np.ndarray
     directions: int
 
 
@@ -109,9 +115,11 @@ def grid_sums(
     n, m = grid.thetas, grid.azimuths
     half = isinstance(approximation, Brdf) and truth.reciprocal and approximation.reciprocal
     first, second = np.triu_indices(n) if half else np.indices((n, n)).reshape(2, -1)
-    totals = np.zeros((4, n, n, CHANNELS))
+    totals, bins = np.zeros((_SUMS, n, n, CHANNELS)), np.zeros(BINS, dtype=np.int64)
     for part, values in _blocks(truth, approximation, grid, first, second):
-        sums = _block_sums(*values, squares, log_floor, m * m)
+        twice = half & (first[part] != second[part])
+        sums, counts = _block_sums(*values, squares, log_floor, m * m, 1 + twice)
+        bins += counts
         totals[:, first[part], second[part]] = sums
         if half:
             totals[:, second[part], first[part]] = sums
@@ -121,8 +129,9 @@ def grid_sums(
             f"the BRDFs cannot be compared: values at theta_i {i:g}°, theta_v {v:g}° are "
             "NaN or infinite"
         )
-    relative, squared, squared_log, counted = totals
-    return GridSums(grid, relative, squared, squared_log, counted, len(first) * m * m)
+    relative, squared, squared_log, counted, log = totals
+    evaluated = len(first) * m * m
+    return GridSums(grid, relative, squared, squared_log, counted, log, bins, evaluated)
 
 
 def dense_values(values: np.ndarray, grid: AngularGrid) -> np.ndarray:
@@ -165,21 +174,29 @@ def _blocks(
         yield part, (truth.eval(wi, wv), other)
 
 
-def _block_sums(f: Any, g: Any, squares: bool, log_floor: float, block: int) -> np.ndarray:
-    """Return the four sums of ``GridSums`` per polar angle pair, shape (4, pairs, rgb), float64.
+def _block_sums(
+    f: Any, g: Any, squares: bool, log_floor: float, block: int, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sums of ``GridSums`` per polar angle pair, (_SUMS, pairs, rgb), and the bins.
 
     Each error is computed in float32 and added in float64 inside the kernel (a run of lanes
-    belongs to one pair, so ``Local`` adds them up before it touches memory).
+    belongs to one pair, so ``Local`` adds them up before it touches memory). ``times`` says how
+    often each pair counts in the bins.
     """
     double = backend.types("float64").Float
+    count = dr.uint32_array_t(type(f[0]))
     pairs = dr.width(f) // block
-    pair = dr.arange(dr.uint32_array_t(type(f[0])), pairs * block) // block
-    sums = dr.zeros(double, 4 * pairs * CHANNELS)
+    pair = dr.arange(count, pairs * block) // block
+    sums, bins = dr.zeros(double, _SUMS * pairs * CHANNELS), dr.zeros(count, BINS)
+    often = dr.gather(count, count(np.broadcast_to(times, pairs).astype(np.uint32)), pair)
     for channel in range(CHANNELS):
         a, b = f[channel], g[channel]
         difference = dr.abs(a - b)
         dark = a <= 0.0  # false for NaN, so that it is reported
-        terms = {0: dr.select(dark, 0.0, difference / a), 3: dr.select(dark, 0.0, 1.0)}
+        relative = difference / a
+        terms = {0: dr.select(dark, 0.0, relative), 3: dr.select(dark, 0.0, 1.0)}
+        terms[4] = log_difference(a, b)
+        dr.scatter_add(bins, often, bin_of(relative), ~dark, mode=dr.ReduceMode.Expand)
         if squares:
             ratio = dr.log2(dr.maximum(a, log_floor)) - dr.log2(dr.maximum(b, log_floor))
             terms |= {1: difference * difference, 2: dr.square(ratio * float(np.log10(2.0)))}
@@ -188,4 +205,5 @@ def _block_sums(f: Any, g: Any, squares: bool, log_floor: float, block: int) -> 
             # the reduction drops NaN silently, but not infinity
             term = dr.select(dr.isfinite(term), term, np.inf)
             dr.scatter_add(sums, double(term), index, mode=dr.ReduceMode.Local)
-    return np.array(sums).reshape(4, pairs, CHANNELS)
+    dr.eval(sums, bins)
+    return np.array(sums).reshape(_SUMS, pairs, CHANNELS), np.array(bins).astype(np.int64)

@@ -16,6 +16,7 @@ from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.metrics.angular_grid import CHANNELS, AngularGrid, grid_sums
 from simrig.evaluation.metrics.meanings import BRDF_METRICS, IMAGE_METRICS, Metric
 from simrig.evaluation.metrics.mre import RelativeError, relative_error
+from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.files.pictures import as_image
 from simrig.viewing.brdf.picture import shown_brdfs
 
@@ -114,14 +115,21 @@ class BrdfComparison(Shown):
     """Two BRDFs compared; ``BRDF_METRICS`` says what the numbers mean.
 
     Attributes:
+        delta_e: mean CIE ΔE 1976 of a sphere (``simrig.evaluation.metrics.sphere_picture``); NaN
+            beside a dense array, which does not render.
+        log_error: mean logarithmic error, in percent.
+        median_relative_error: in percent; NaN where the truth is zero everywhere, as the MRE.
         mre: mean relative error, in percent.
         rmse: root mean squared error, in 1/sr.
         log_psnr: in dB, infinite for equal BRDFs.
-        relative_error: the MRE per channel and how it came about.
+        relative_error: the errors per channel and how they came about.
         grid: the direction pairs.
         compared: what was compared, where both are BRDFs.
     """
 
+    delta_e: float
+    log_error: float
+    median_relative_error: float
     mre: float
     rmse: float
     log_psnr: float
@@ -130,7 +138,7 @@ class BrdfComparison(Shown):
     compared: tuple[Brdf, Brdf] | None = field(default=None, repr=False, compare=False)
 
     def to_dict(self) -> dict[str, float | int | None]:
-        """Return the numbers for JSON; an infinite log-PSNR becomes None."""
+        """Return the numbers for JSON; what is infinite or NaN becomes None."""
         numbers = {name: finite(getattr(self, name)) for name in BRDF_METRICS}
         settings = {
             "step_deg": self.grid.step_deg,
@@ -219,6 +227,8 @@ def metric_table(
 
 
 def _number(value: float) -> str:
+    if math.isnan(value):
+        return "none"
     return "∞ (identical)" if math.isinf(value) else f"{value:.4g}"
 
 
@@ -296,12 +306,16 @@ def compare_brdfs(
     grid = AngularGrid(step_deg, theta_max_deg)
     sums = grid_sums(truth, approximation, grid, squares=True, log_floor=metrics.LOG_FLOOR)
     values = grid.directions * CHANNELS
+    other = approximation if isinstance(approximation, Brdf) else None
     error = relative_error(sums)
     return BrdfComparison(
+        delta_e=math.nan if other is None else SpherePicture(truth).compare(other).delta_e,
+        log_error=error.log_percent,
+        median_relative_error=error.median_percent,
         mre=error.percent,
         rmse=math.sqrt(sums.squared.sum() / values),
         log_psnr=metrics.log_psnr_from_mse(sums.squared_log.sum() / values),
         relative_error=error,
         grid=grid,
-        compared=(truth, approximation) if isinstance(approximation, Brdf) else None,
+        compared=None if other is None else (truth, other),
     )

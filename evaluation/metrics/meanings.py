@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from simrig.evaluation.metrics.pointwise import LOG_ERROR_FLOOR
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -45,8 +47,14 @@ IMAGE_METRICS: dict[str, Metric] = {
     "hdr_flip": Metric("HDR-FLIP", "", True, "mean over pixels, linear values"),
 }
 
+# the first is the headline: the picture, whose errors have an end; MRE is the thesis's
 BRDF_METRICS: dict[str, Metric] = {
-    "mre": Metric("MRE", "%", True, "mean of |f − f'| / f over the grid"),
+    "delta_e": Metric("CIE ΔE 1976", "ΔE", True, "mean over a sphere under 16 lights"),
+    "log_error": Metric(
+        "log error", "%", True, f"mean of |ln((f' + ε) / (f + ε))|, ε = {LOG_ERROR_FLOOR:g}/sr"
+    ),
+    "median_relative_error": Metric("median relative error", "%", True, "of |f − f'| / f"),
+    "mre": Metric("MRE", "%", True, "mean of |f − f'| / f over the grid; no upper limit"),
     "rmse": Metric("RMSE", "1/sr", True, "over the grid"),
     "log_psnr": Metric("log-PSNR", "dB", False, "peak 1e4, floor 1e-5"),
 }

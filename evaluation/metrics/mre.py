@@ -1,4 +1,4 @@
-"""The mean relative error of one BRDF against another (MRE), exact and estimated.
+"""How far one BRDF is from another over a grid of directions, exact and estimated.
 
 MRE = mean of |f − f'| / f over all grid values: illumination and view polar angles from 0° to
 theta_max and all azimuths in equal steps, three colour channels, each value with the same weight
@@ -6,7 +6,9 @@ theta_max and all azimuths in equal steps, three colour channels, each value wit
 The colour channels are averaged, not summed: that is what gives the thesis's numbers.
 
 Where the truth is zero the relative error does not exist. Such values are left out of the mean
-and counted in ``RelativeError.excluded``.
+and counted in ``RelativeError.excluded``. The MRE has no upper limit where the truth is almost
+black; the median of the same relative errors and the logarithmic error beside it are not carried
+away by that (``simrig.evaluation.metrics.pointwise``).
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from simrig.evaluation.metrics.angular_grid import (
     dense_values,
     grid_sums,
 )
+from simrig.evaluation.metrics.pointwise import median_of_bins
 from simrig.evaluation.metrics.strata import (
     MOST_SECTORS,
     Strata,
@@ -39,12 +42,15 @@ _PILOT_SHARE = 0.15  # of the samples; more costs what it gains (tried on the Ku
 
 @dataclass(frozen=True)
 class RelativeError:
-    """A mean relative error and how it came about.
+    """The errors of a BRDF over a grid and how they came about.
 
     Attributes:
-        percent: the MRE in percent.
+        percent: the MRE in percent; NaN where the truth is zero everywhere.
         channels_percent: the MRE of red, green and blue alone, in percent.
         standard_error_percent: standard error of ``percent``; 0 for the exact value.
+        median_percent: median relative error in percent; NaN where the truth is zero everywhere.
+        log_percent: mean of |ln((f' + ε) / (f + ε))| in percent, ε = ``LOG_ERROR_FLOOR``.
+        log_standard_error_percent: standard error of ``log_percent``; 0 for the exact value.
         directions: direction pairs that were evaluated.
         excluded: values (direction pair and channel) left out because the truth is zero there.
         exact: whether every direction of the grid took part.
@@ -53,6 +59,9 @@ class RelativeError:
     percent: float
     channels_percent: tuple[float, float, float]
     standard_error_percent: float
+    median_percent: float
+    log_percent: float
+    log_standard_error_percent: float
     directions: int
     excluded: int
     exact: bool
@@ -78,55 +87,54 @@ def mre_exact(
         step_deg, theta_max_deg: see ``AngularGrid``; the defaults are the thesis's.
 
     Raises:
-        SimrigError: for an array of another shape, values that are not finite, or a truth that
-            is zero everywhere.
+        SimrigError: for an array of another shape, or values that are not finite.
     """
     sums = grid_sums(truth, approximation, AngularGrid(step_deg, theta_max_deg))
     return relative_error(sums)
 
 
 def relative_error(sums: GridSums) -> RelativeError:
-    """Return the exact MRE from sums over the whole grid.
-
-    Raises:
-        SimrigError: when the truth is zero everywhere.
-    """
+    """Return the exact errors from sums over the whole grid."""
     relative, counted = sums.relative.sum(axis=(0, 1)), sums.counted.sum(axis=(0, 1))
-    excluded = sums.grid.directions * CHANNELS - round(counted.sum())
-    return _result(relative, counted, 0.0, sums.directions, excluded, True)
+    values = sums.grid.directions * CHANNELS
+    percent, channels = _percents(relative, counted)
+    return RelativeError(
+        percent=percent,
+        channels_percent=channels,
+        standard_error_percent=0.0,
+        median_percent=100.0 * median_of_bins(sums.bins),
+        log_percent=100.0 * float(sums.log.sum()) / values,
+        log_standard_error_percent=0.0,
+        directions=sums.directions,
+        excluded=values - round(counted.sum()),
+        exact=True,
+    )
 
 
 def estimated_error(means: StratifiedMeans, directions: int) -> RelativeError:
-    """Return the estimate that the means of a stratified sample give.
-
-    Raises:
-        SimrigError: when the truth is zero everywhere.
-    """
-    spread = means.standard_error
-    return _result(means.relative, means.counted, spread, directions, means.excluded, False)
-
-
-def _result(
-    relative: np.ndarray,
-    counted: np.ndarray,
-    standard_error: float,
-    directions: int,
-    excluded: int,
-    exact: bool,
-) -> RelativeError:
-    """Return the error from sums (or means) per channel and how many values they are over."""
-    if not counted.sum() > 0.0:
-        raise SimrigError("the truth is zero everywhere on the grid, no relative error exists")
-    red, green, blue = 100.0 * relative / np.where(counted > 0.0, counted, np.nan)
-    percent = 100.0 * relative.sum() / counted.sum()
+    """Return the estimates that the means of a stratified sample give."""
+    percent, channels = _percents(means.relative, means.counted)
     return RelativeError(
-        float(percent),
-        (float(red), float(green), float(blue)),
-        100.0 * standard_error,
-        directions,
-        excluded,
-        exact,
+        percent=percent,
+        channels_percent=channels,
+        standard_error_percent=100.0 * means.standard_error,
+        median_percent=100.0 * means.median,
+        log_percent=100.0 * means.log,
+        log_standard_error_percent=100.0 * means.log_standard_error,
+        directions=directions,
+        excluded=means.excluded,
+        exact=False,
     )
+
+
+def _percents(
+    relative: np.ndarray, counted: np.ndarray
+) -> tuple[float, tuple[float, float, float]]:
+    """Return the MRE and that of each channel, of sums (or means) and how many they are over."""
+    red, green, blue = 100.0 * relative / np.where(counted > 0.0, counted, np.nan)
+    lit = float(counted.sum())
+    percent = 100.0 * float(relative.sum()) / lit if lit > 0.0 else float("nan")
+    return percent, (float(red), float(green), float(blue))
 
 
 def mre_estimate(
@@ -181,8 +189,9 @@ def mre_estimate(
         counts = allocate(strata, spread, wanted)
         result, spread = _stratified(truth, approximation, strata, rng, counts)
         spent += int(counts.sum())
-        target = (relative_standard_error or np.inf) * result.percent
-        if result.standard_error_percent <= target or last:
+        target = (relative_standard_error or 0.0) * np.nan_to_num(result.percent)
+        reached = relative_standard_error is None or result.standard_error_percent <= target
+        if reached or last:
             return replace(result, directions=spent)
         wanted = round(1.3 * counts.sum() * (result.standard_error_percent / target) ** 2)
         if most is not None and wanted > most:
@@ -200,12 +209,12 @@ def _stratified(
 ) -> tuple[RelativeError, np.ndarray]:
     """Sample the strata; return the estimate and the standard deviation within each stratum."""
     stratum, *indices = strata.draw(rng, counts)
-    relative, counted = _errors_at(truth, approximation, strata.grid, *indices)
-    means = stratified_means(strata, counts, stratum, relative, counted)
+    values = _values_at(truth, approximation, strata.grid, *indices)
+    means = stratified_means(strata, counts, stratum, *values)
     return estimated_error(means, len(stratum)), means.spread
 
 
-def _errors_at(
+def _values_at(
     truth: Brdf,
     approximation: Brdf | np.ndarray,
     grid: AngularGrid,
@@ -214,7 +223,7 @@ def _errors_at(
     phi_i: np.ndarray,
     phi_v: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return |f − f'| / f and whether f > 0 at grid indices, both of shape (n, 3)."""
+    """Return f and f' at grid indices, both of shape (n, 3)."""
     step = np.radians(grid.step_deg)
     wi, wv = to_vector(step * theta_i, step * phi_i), to_vector(step * theta_v, step * phi_v)
     float_type = backend.types("float32").Float
@@ -223,16 +232,4 @@ def _errors_at(
         g = evaluate(approximation, wi, wv, float_type)
     else:
         g = dense_values(approximation, grid)[theta_i, theta_v, phi_i, phi_v].astype(np.float64)
-    return relative_differences(f, g)
-
-
-def relative_differences(f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return |f − g| / f, zero where f is, and whether f > 0 as 1 or 0.
-
-    Raises:
-        SimrigError: for values that are not finite.
-    """
-    if not (np.isfinite(f).all() and np.isfinite(g).all()):
-        raise SimrigError("the BRDFs cannot be compared: some values are NaN or infinite")
-    lit = f > 0.0
-    return np.where(lit, np.abs(f - g) / np.where(lit, f, 1.0), 0.0), lit.astype(np.float64)
+    return f, g

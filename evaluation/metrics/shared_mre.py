@@ -23,7 +23,6 @@ from simrig.evaluation.metrics.mre import (
     RelativeError,
     estimated_error,
     mre_exact,
-    relative_differences,
 )
 from simrig.evaluation.metrics.strata import MOST_SECTORS, Strata, allocate, stratified_means
 
@@ -89,7 +88,7 @@ class SharedMre:
                 grid is, the exact value is returned.
 
         Raises:
-            SimrigError: values that are not finite, or a truth that is zero everywhere.
+            SimrigError: values that are not finite.
         """
         level, spent = 0, 0
         while self.samples * _GROWTH**level < self.grid.directions:
@@ -131,8 +130,8 @@ class SharedMre:
         return _Directions(counts, stratum, wi, wv, _values(self.truth, wi, wv))
 
     def _means(self, approximation: Brdf, at: _Directions) -> Any:
-        relative, counted = relative_differences(at.truth, _values(approximation, at.wi, at.wv))
-        return stratified_means(self.strata, at.counts, at.stratum, relative, counted)
+        other = _values(approximation, at.wi, at.wv)
+        return stratified_means(self.strata, at.counts, at.stratum, at.truth, other)
 
 
 def _values(brdf: Brdf, wi: Any, wv: Any) -> np.ndarray:

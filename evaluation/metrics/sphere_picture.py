@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from simrig.brdf.analytic import Lambert
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.rbf import RbfBrdf
 from simrig.core import backend
@@ -58,7 +59,8 @@ class SpherePicture:
     def __init__(self, truth: Brdf, pixels: int = 64, lights: int = 16):
         self.truth, self.pixels, self.lights = truth, pixels, lights
         self.image = self.rendered(truth)
-        self.exposure = automatic_exposure(self.image)
+        shown = self.image if self.image.any() else self.rendered(Lambert((1.0, 1.0, 1.0)))
+        self.exposure = automatic_exposure(shown)  # black beside white
 
     def compare(self, brdf: Brdf) -> PictureError:
         """Return the error and the cost of the picture of a BRDF."""
@@ -68,6 +70,8 @@ class SpherePicture:
         with timed() as clock:
             image = self.looked_up(brdf) if slow else self.rendered(brdf)
         mask = foreground_mask(self.image, image)
+        if not mask.any():
+            mask[:] = True  # black beside black
         error = mse(self.image, image, mask, self.exposure)
         return PictureError(
             delta_e=float(delta_e_map(self.image, image, self.exposure)[mask].mean()),

@@ -8,6 +8,11 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from simrig.evaluation.metrics.angular_grid import AngularGrid
+from simrig.evaluation.metrics.pointwise import (
+    log_differences,
+    relative_differences,
+    weighted_median,
+)
 
 MOST_SECTORS = 8  # beyond, the samples per stratum get too few to share out well
 
@@ -87,6 +92,9 @@ class StratifiedMeans:
         relative: (3,) mean of the relative errors, zero where the truth is.
         counted: (3,) share of values where the truth is not zero.
         standard_error: of the ratio of their sums.
+        median: of the relative errors where the truth is not zero; NaN where it is everywhere.
+        log: mean of the logarithmic errors.
+        log_standard_error: its standard error.
         excluded: number of sampled values where the truth is zero.
         spread: (strata,) standard deviation within each stratum.
     """
@@ -94,16 +102,15 @@ class StratifiedMeans:
     relative: np.ndarray
     counted: np.ndarray
     standard_error: float
+    median: float
+    log: float
+    log_standard_error: float
     excluded: int
     spread: np.ndarray
 
 
 def stratified_means(
-    strata: Strata,
-    counts: np.ndarray,
-    stratum: np.ndarray,
-    relative: np.ndarray,
-    counted: np.ndarray,
+    strata: Strata, counts: np.ndarray, stratum: np.ndarray, truth: np.ndarray, other: np.ndarray
 ) -> StratifiedMeans:
     """Return the means over the grid from samples of its strata.
 
@@ -111,16 +118,38 @@ def stratified_means(
         strata: the strata.
         counts: (strata,) samples in each, at least two.
         stratum: (n,) stratum of each sample.
-        relative: (n, 3) relative errors, zero where the truth is.
-        counted: (n, 3) one where the truth is not zero, else zero.
+        truth, other: (n, 3) the values f and f' there.
+
+    Raises:
+        SimrigError: values that are not finite.
     """
+    relative, counted = relative_differences(truth, other)
+    logs = log_differences(truth, other).mean(axis=1)
     share = (strata.weights / counts)[stratum]  # what one sample stands for
     mean_relative, mean_counted = share @ relative, share @ counted
     ratio = mean_relative.sum() / max(mean_counted.sum(), 1e-300)
     residual = relative.sum(axis=1) - ratio * counted.sum(axis=1)
-    first = np.bincount(stratum, residual, len(counts)) / counts
-    second = np.bincount(stratum, (residual - first[stratum]) ** 2, len(counts))
-    variance = second / (counts - 1)
-    error = np.sqrt(np.sum(strata.weights**2 * variance / counts)) / max(mean_counted.sum(), 1e-300)
-    excluded = int(counted.size - counted.sum())
-    return StratifiedMeans(mean_relative, mean_counted, float(error), excluded, np.sqrt(variance))
+    variance = _variances(residual, stratum, counts)
+    error = _error(strata, counts, variance) / max(mean_counted.sum(), 1e-300)
+    return StratifiedMeans(
+        mean_relative,
+        mean_counted,
+        error,
+        weighted_median(relative.ravel(), (share[:, None] * counted).ravel()),
+        float(share @ logs),
+        _error(strata, counts, _variances(logs, stratum, counts)),
+        int(counted.size - counted.sum()),
+        np.sqrt(variance),
+    )
+
+
+def _variances(values: np.ndarray, stratum: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return the variance within each stratum."""
+    first = np.bincount(stratum, values, len(counts)) / counts
+    second = np.bincount(stratum, (values - first[stratum]) ** 2, len(counts))
+    return np.asarray(second / (counts - 1))
+
+
+def _error(strata: Strata, counts: np.ndarray, variance: np.ndarray) -> float:
+    """Return the standard error of a stratified mean."""
+    return float(np.sqrt(np.sum(strata.weights**2 * variance / counts)))

@@ -97,8 +97,10 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def significant(value: float, digits: int = 3) -> str:
+def significant(value: float | None, digits: int = 3) -> str:
     """Return a number rounded to so many significant digits, written out where that is short."""
+    if value is None:
+        return "–"
     if value == 0.0:
         return "0"
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))

@@ -22,8 +22,8 @@ from simrig.viewing.plots import CostPoint, accuracy_versus_cost
 
 _AZIMUTH_STEP_DEG = 4.0  # of the BRDF pictures: tiles of 90 × 90 pixels
 _ERRORS = (
-    ("mre_percent", "MRE [%]", "Mean relative error over all pairs of directions"),
     ("delta_e", "mean ΔE 1976", "Colour difference of the pictures, mean over the scenes"),
+    ("log_error_percent", "log error [%]", "Logarithmic error over all pairs of directions"),
 )
 
 

@@ -103,14 +103,16 @@ def _experiment(
 def _summary(results: dict[str, Any]) -> Any:
     """Return one line per reconstruction: what it cost beside how far off it is."""
     first = next(iter(results["scenes"]))
-    columns = ("reconstruction", "hardware h", "computing s", "MRE %", f"ΔE 1976, {first}")
+    pictures = f"ΔE 1976, {first}"
+    columns = ("reconstruction", "hardware h", "computing s", pictures, "log error %", "MRE %")
     rows = [
         (
             record["label"],
             record["total"]["hardware_hours"],
             record["total"]["compute_seconds"],
-            record["brdf"]["mre_percent"],
             record["scenes"][first]["errors"]["delta_e"],
+            record["brdf"]["log_error_percent"],
+            record["brdf"]["mre_percent"],
         )
         for record in results["reconstructions"]
     ]

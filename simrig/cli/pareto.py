@@ -30,7 +30,9 @@ def pareto(
     error: Annotated[
         float | None, typer.Option(help="Advise the fewest hours with an error no worse.")
     ] = None,
-    metric: Annotated[str, typer.Option(help="mre (%), dE or psnr (dB).")] = "mre",
+    metric: Annotated[
+        str, typer.Option(help="dE, log (%), median (%), mre (%), psnr (dB).")
+    ] = "dE",
     rig: Annotated[
         list[str] | None,
         typer.Option(help="A rig or an instrument file (.toml); may be repeated, one of a kind."),

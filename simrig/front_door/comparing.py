@@ -87,7 +87,8 @@ def compare(
         difference_scale: of pictures: s of the difference image 255 − s·|I1 − I2| (10).
 
     Returns:
-        ``mre`` (%), ``rmse`` (1/sr) and ``log_psnr`` (dB) of materials; ``delta_e``, ``psnr``,
+        ``delta_e``, ``log_error`` (%), ``median_relative_error`` (%), ``mre`` (%), ``rmse``
+        (1/sr) and ``log_psnr`` (dB) of materials; ``delta_e``, ``psnr``,
         ``ssim``, ``flip`` and more of pictures, with maps. Prints itself, shows itself in a
         notebook, and ``to_dict()`` gives plain numbers.
 

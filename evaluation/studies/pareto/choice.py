@@ -22,9 +22,12 @@ _AVERAGED = (
     "compile_seconds",
     "bytes",
     "mre_percent",
+    "median_relative_error_percent",
+    "log_error_percent",
     "delta_e",
     "psnr",
 )
+_SPREADS = ("mre_standard_error_percent", "log_error_standard_error_percent")
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class ErrorColumn:
 
         Of PSNR that is the root mean square difference of the displayed pictures, out of 255.
         """
-        value = float(row[self.key])
+        value = _known(row[self.key])
         return value if self.lower_is_better else PEAK * 10.0 ** (-value / 20.0)
 
     def reached(self, row: Mapping[str, Any], wished: float) -> bool:
@@ -71,9 +74,18 @@ class ErrorColumn:
         return f"{self.metric.label} {row[self.key]:.3g}{spread} {unit}".rstrip()
 
 
-METRICS: dict[str, ErrorColumn] = {
-    "mre": ErrorColumn(BRDF_METRICS["mre"], "mre_percent", "mre_standard_error_percent"),
+def _known(value: float | None) -> float:
+    """Return an error; NaN where there is none, as the MRE of black."""
+    return math.nan if value is None else float(value)
+
+
+METRICS: dict[str, ErrorColumn] = {  # the first unless another is wished
     "dE": ErrorColumn(IMAGE_METRICS["delta_e"], "delta_e"),
+    "log": ErrorColumn(
+        BRDF_METRICS["log_error"], "log_error_percent", "log_error_standard_error_percent"
+    ),
+    "median": ErrorColumn(BRDF_METRICS["median_relative_error"], "median_relative_error_percent"),
+    "mre": ErrorColumn(BRDF_METRICS["mre"], "mre_percent", "mre_standard_error_percent"),
     "psnr": ErrorColumn(IMAGE_METRICS["psnr"], "psnr"),
 }
 
@@ -128,15 +140,15 @@ def _means(subjects: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, An
         own = [rows[key] for rows in every if key in rows]
         if len(own) < len(every):
             continue
-        mean = {name: float(np.mean([row[name] for row in own])) for name in _AVERAGED}
-        spread = math.hypot(*(row["mre_standard_error_percent"] for row in own)) / len(own)
+        mean = {name: float(np.mean([_known(row[name]) for row in own])) for name in _AVERAGED}
+        spreads = {name: math.hypot(*(row[name] for row in own)) / len(own) for name in _SPREADS}
         found.append(
             {
                 "material": f"mean of {len(own)}",
                 "method": key[0],
                 "samples": key[1],
                 **mean,
-                "mre_standard_error_percent": spread,
+                **spreads,
             }
         )
     return found
@@ -194,7 +206,7 @@ def advise(
     if not check_wish(budget_hours, error):
         raise SimrigError("advice needs a budget of hours or a wished error")
     wish = float(budget_hours if error is None else error)  # type: ignore[arg-type]
-    rows = subject["rows"]
+    rows = [row for row in subject["rows"] if row[metric.key] is not None]
     if error is None:
         asked = f"within {wish:g} h"
         fitting = [row for row in rows if row["hardware_hours"] <= wish]

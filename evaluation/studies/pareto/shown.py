@@ -14,6 +14,12 @@ from simrig.evaluation.studies.pareto.choice import METRICS, ErrorColumn
 from simrig.viewing.plots import COST_AXES, CostAxis, CostPoint, accuracy_versus_cost
 
 AXES = (*COST_AXES, CostAxis("size of the result [KB]", lambda cost: cost.bytes / 1000.0))
+_ERRORS = {
+    "ΔE": "delta_e",
+    "log error [%]": "log_error_percent",
+    "median [%]": "median_relative_error_percent",
+    "MRE [%]": "mre_percent",
+}
 _SECONDS = {
     "sampling [s]": "sampling_seconds",
     "reconstruction [s]": "reconstruction_seconds",
@@ -23,10 +29,10 @@ _SECONDS = {
 
 
 def table(summary: Mapping[str, Any]) -> Any:
-    """Return the summary as tables for the terminal, with the fronts of the MRE."""
+    """Return the summary as tables for the terminal, with the fronts of ΔE."""
     from rich.console import Group
 
-    return Group(*subject_tables(summary, "mre"))
+    return Group(*subject_tables(summary, "dE"))
 
 
 def subject_tables(summary: Mapping[str, Any], metric: str) -> list[Any]:
@@ -51,14 +57,13 @@ def _subject_table(subject: Mapping[str, Any], metric: str) -> Any:
         f"{subject['name']}: in the last column the costs for which no other result is both "
         f"cheaper and better ({METRICS[metric].label})"
     )
-    numbers = ("samples", "hours", "MRE [%]", "ΔE", "PSNR [dB]", *_SECONDS, "KB")
+    numbers = ("samples", "hours", *_ERRORS, "PSNR [dB]", *_SECONDS, "KB")
     rows = (
         (
             row["method"],
             f"{row['samples']:,}",
             f"{row['hardware_hours']:.2f}",
-            f"{row['mre_percent']:.2f} ± {row['mre_standard_error_percent']:.2f}",
-            f"{row['delta_e']:.2f}",
+            *(_number(row[name]) for name in _ERRORS.values()),
             f"{row['psnr']:.1f}",
             *(f"{row[key]:.2f}" for key in _SECONDS.values()),
             f"{row['bytes'] / 1000.0:,.0f}",
@@ -69,8 +74,15 @@ def _subject_table(subject: Mapping[str, Any], metric: str) -> Any:
     return text_table(title, ("method", *numbers, "front"), rows, left=(0, -1))
 
 
+def _number(value: float | None) -> str:
+    """Return an error, with three digits above 1; a dash where there is none."""
+    if value is None or value != value:
+        return "–"
+    return f"{value:.3g}" if value >= 1.0 else f"{value:.2f}"
+
+
 def flat_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return all results for a CSV file: a column per front, such as ``mre_over_hours``."""
+    """Return all results for a CSV file: a column per front, such as ``dE_over_hours``."""
     rows = []
     for subject in summary["subjects"]:
         for row in subject["rows"]:

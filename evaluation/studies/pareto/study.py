@@ -5,9 +5,9 @@ number, reconstructs it, estimates the error, and renders a small sphere under a
 that the error is also what one sees. A method that cannot use so few or so many samples says so in
 its row. ``simrig pareto`` runs this study for any materials, methods and numbers of samples.
 
-The MRE is over the 2° grid up to 80°, or as far as the data go, estimated with a stated standard
-error. The picture has no noise. Times are those of the process that ran the cell; cells that run
-beside each other slow each other down.
+The errors of the BRDF are over the 2° grid up to 80°, or as far as the data go, estimated. The
+picture has no noise. Times are those of the process that ran the cell; cells that run beside each
+other slow each other down.
 
 Source: a question of our own; thesis sections 5.5 and 6.3 compare some of these methods.
 """
@@ -24,6 +24,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.mre import mre_estimate
+from simrig.evaluation.metrics.pointwise import LOG_ERROR_FLOOR
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.pareto.choice import summarise_rows
@@ -40,7 +41,8 @@ SAMPLES: tuple[int, ...] = (168, 435, 1000, 2000, 4000, 8911)
 
 _STUDIED: dict[str, Any] = {
     "grid_step_deg": 2.0,
-    "directions": 14_000,  # of the estimate of the MRE
+    "directions": 14_000,  # of the estimates of the errors over all angles
+    "log_error_floor": LOG_ERROR_FLOOR,
     "pixels": 64,
     "lights": 16,
     "seed": 0,
@@ -131,7 +133,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     """Measure, reconstruct, compare and render one material by one method.
 
     Returns:
-        One row: errors (MRE and its standard error in percent; ΔE and PSNR of the picture), what
+        One row: errors (of the BRDF in percent; ΔE and PSNR of the picture), what
         they cost (samples, hours of the device, seconds of sampling, reconstructing, rendering
         and, apart, compiling, bytes) and notes; or only ``refused`` with the reason.
     """
@@ -170,6 +172,9 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
             "bytes": made.bytes,
             "mre_percent": error.percent,
             "mre_standard_error_percent": error.standard_error_percent,
+            "median_relative_error_percent": error.median_percent,
+            "log_error_percent": error.log_percent,
+            "log_error_standard_error_percent": error.log_standard_error_percent,
             "delta_e": seen.delta_e,
             "psnr": seen.psnr,
             "rendered_by": seen.by,
