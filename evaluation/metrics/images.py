@@ -157,6 +157,31 @@ def ssim_mean(similarity: np.ndarray, mask: np.ndarray) -> float:
     return float(counted.mean())
 
 
+def image_errors(
+    reference: np.ndarray,
+    image: np.ndarray,
+    exposure: float = 1.0,
+    mask: np.ndarray | None = None,
+) -> dict[str, float]:
+    """Return ``delta_e`` (CIE 1976), ``rmse``, ``psnr`` in dB and ``ssim``, as the thesis compares.
+
+    Args:
+        exposure: of the display.
+        mask: pixels that count, all by default.
+
+    Raises:
+        SimrigError: see ``check_pair`` and ``ssim_map``.
+    """
+    mask = np.ones(np.shape(reference)[:2], dtype=bool) if mask is None else mask
+    error = mse(reference, image, mask, exposure)
+    return {
+        "delta_e": float(delta_e_map(reference, image, exposure)[mask].mean()),
+        "rmse": error**0.5,
+        "psnr": psnr_from_mse(error),
+        "ssim": ssim_mean(ssim_map(reference, image, exposure), mask),
+    }
+
+
 def log_psnr(
     reference: np.ndarray,
     values: np.ndarray,

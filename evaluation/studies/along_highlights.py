@@ -267,14 +267,8 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "along_highlights.png"]
 
 
-STUDY: Study = Study(
-    name="along-highlights",
-    about="Interpolation along highlights against section 5.3, in subspaces and in 4-D.",
-    source="thesis section 5.7",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
+_ABOUT = "Interpolation along highlights against section 5.3, in subspaces and in 4-D."
+_SOURCE = "thesis section 5.7"
+STUDY = Study(
+    "along-highlights", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

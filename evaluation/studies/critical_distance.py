@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.tables import text_table
+from simrig.core.tables import record_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import means, where
 from simrig.mesostructure import PRESETS as MATERIALS
 from simrig.mesostructure import build_tile
 from simrig.perception import (
@@ -28,7 +29,7 @@ from simrig.perception import (
     cycles_per_degree,
     fit_distances,
 )
-from simrig.viewing.plots import COLOURS, finish_figure, new_figure
+from simrig.viewing.plots import COLOURS, drawn_panel
 from simrig.viewing.room import GROUP_DISTANCES_M
 from simrig.viewing.structure.probe import FEATURES, PATCH, PREDICTING, probe, tile_stimulus
 
@@ -96,8 +97,12 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return distances by group beside the published ones, and fits to the latter."""
     ratios = [np.log(row["found_spectrum_mm"] / row["structure_mm"]) for row in rows]
     return {
-        "groups": [_group(name, rows) for name in GROUP_DISTANCES_M if _of(name, rows)],
-        "fits": {name: _fit(name, rows) for name in FEATURES} if _can_fit(rows) else {},
+        "groups": [
+            _group(name, own) for name in GROUP_DISTANCES_M if (own := where(rows, group=name))
+        ],
+        "fits": {name: _fit(name, rows) for name in FEATURES}
+        if len(rows) >= _FEWEST_TO_FIT
+        else {},
         "found_over_given": float(np.exp(np.median(ratios))),
         "found_spread": float(np.exp(np.std(ratios))),
         "materials": len(rows),
@@ -105,27 +110,15 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _of(group: str, rows: Sequence[Row]) -> list[Row]:
-    return [row for row in rows if row["group"] == group]
-
-
-def _can_fit(rows: Sequence[Row]) -> bool:
-    return len(rows) >= _FEWEST_TO_FIT
-
-
-def _group(name: str, rows: Sequence[Row]) -> dict[str, Any]:
+def _group(name: str, own: Sequence[Row]) -> dict[str, Any]:
     """Return the means of a group, and the F that its published distance asks for."""
-    own = _of(name, rows)
-    size = float(np.mean([row["structure_mm"] for row in own]))
     wanted = GROUP_DISTANCES_M[name]
     found: dict[str, Any] = {"group": name, "materials": len(own), "published_m": wanted}
-    found["structure_mm"] = size
+    found |= means(own, ["structure_mm"])
     for feature in PREDICTING:
         model = PUBLISHED_MODELS[feature]
-        found[feature] = float(np.mean([row[feature] for row in own]))
-        found[f"{feature}_m"] = float(np.mean([row[f"{feature}_m"] for row in own]))
-        found[f"{feature}_found_m"] = float(np.mean([row[f"{feature}_found_m"] for row in own]))
-        found[f"{feature}_needed"] = (wanted - model.k_1) / (model.k_2 * size)
+        found |= means(own, [feature, f"{feature}_m", f"{feature}_found_m"])
+        found[f"{feature}_needed"] = (wanted - model.k_1) / (model.k_2 * found["structure_mm"])
     return found
 
 
@@ -152,37 +145,30 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as tables for the terminal."""
     from rich.console import Group
 
-    distances = ("published_m", "ssim_m", "saliency_m")
-    groups = text_table(
-        "critical viewing distance in metres, means of the groups",
-        ("group", "materials", "S / mm", "published", "by SSIM", "by saliency"),
-        (
-            (
-                row["group"],
-                row["materials"],
-                f"{row['structure_mm']:.2f}",
-                *(f"{row[key]:.1f}" for key in distances),
-            )
-            for row in summary["groups"]
-        ),
-    )
+    columns = {
+        "group": "{group}",
+        "materials": "{materials}",
+        "S / mm": "{structure_mm:.2f}",
+        "published": "{published_m:.1f}",
+        "by SSIM": "{ssim_m:.1f}",
+        "by saliency": "{saliency_m:.1f}",
+    }
+    title = "critical viewing distance in metres, means of the groups"
+    groups = record_table(title, columns, summary["groups"])
     ratio, spread = summary["found_over_given"], summary["found_spread"]
     found = f"S found in the spectrum over the given one: median {ratio:.2f}, spread × {spread:.2f}"
     if not summary["fits"]:
         return Group(groups, found)
-    fits = text_table(
-        "fitted to the published distances of the groups, E = k_1 + k_2·S·F",
-        ("feature", "r (published)", "k_1", "k_2", "left out: error / m"),
-        (
-            (
-                name,
-                f"{fit['correlation']:.3f} ({fit['published_correlation']:.3f})",
-                f"{fit['k_1']:.3f} ± {fit['k_1_std']:.3f}",
-                f"{fit['k_2']:.3f} ± {fit['k_2_std']:.3f}",
-                f"{fit['left_out_error_m']:.2f}",
-            )
-            for name, fit in summary["fits"].items()
-        ),
+    columns = {
+        "feature": "{feature}",
+        "r (published)": "{correlation:.3f} ({published_correlation:.3f})",
+        "k_1": "{k_1:.3f} ± {k_1_std:.3f}",
+        "k_2": "{k_2:.3f} ± {k_2_std:.3f}",
+        "left out: error / m": "{left_out_error_m:.2f}",
+    }
+    title = "fitted to the published distances of the groups, E = k_1 + k_2·S·F"
+    fits = record_table(
+        title, columns, ({"feature": name, **fit} for name, fit in summary["fits"].items())
     )
     return Group(groups, found, fits, "flip stands where the thesis has VDP2")
 
@@ -193,21 +179,18 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 
 def _draw_distances(rows: Sequence[Row], path: Path) -> Path:
-    ordered = [row for name in GROUP_DISTANCES_M for row in _of(name, rows)]
+    ordered = [row for name in GROUP_DISTANCES_M for row in where(rows, group=name)]
     places = np.arange(len(ordered))
-    figure = new_figure(max(5.0, 0.34 * len(ordered) + 1.5), 4.6)
-    panel = figure.subplots()
-    for number, name in enumerate(PREDICTING):
-        values = [row[f"{name}_m"] for row in ordered]
-        panel.bar(places + 0.4 * number - 0.2, values, 0.4, color=COLOURS[number], label=name)
-    published = [GROUP_DISTANCES_M[row["group"]] for row in ordered]
-    label = "published, of the group"
-    panel.hlines(published, places - 0.45, places + 0.45, color="black", linewidth=2, label=label)
-    panel.set_xticks(places, [row["material"] for row in ordered], rotation=90, fontsize=8)
-    panel.set_ylabel("critical viewing distance [m]")
-    panel.legend(frameon=False, fontsize=8)
-    panel.spines[["top", "right"]].set_visible(False)
-    finish_figure(figure, path)
+    width, axes = max(5.0, 0.34 * len(ordered) + 1.5), {"ylabel": "critical viewing distance [m]"}
+    with drawn_panel(path, width, 4.6, legend={"fontsize": 8}, **axes) as panel:
+        for number, name in enumerate(PREDICTING):
+            values = [row[f"{name}_m"] for row in ordered]
+            panel.bar(places + 0.4 * number - 0.2, values, 0.4, color=COLOURS[number], label=name)
+        published = [GROUP_DISTANCES_M[row["group"]] for row in ordered]
+        line = {"color": "black", "linewidth": 2, "label": "published, of the group"}
+        panel.hlines(published, places - 0.45, places + 0.45, **line)
+        panel.set_xticks(places, [row["material"] for row in ordered], rotation=90, fontsize=8)
+        panel.spines[["top", "right"]].set_visible(False)
     return path
 
 
@@ -218,26 +201,18 @@ def draw_sensitivity(path: Path) -> Path:
     """
     distances = np.linspace(*CSF_DISTANCES_MM, 200)
     highest = contrast_sensitivity(np.geomspace(0.05, 60.0, 2000)).max()
-    figure = new_figure(5.6, 3.8)
-    panel = figure.subplots()
-    for colour, size in zip(COLOURS, CSF_SIZES_MM, strict=False):
-        curve = contrast_sensitivity(cycles_per_degree(size, distances)) / highest
-        panel.plot(1e-3 * distances, curve, color=colour, label=f"{size:g} mm")
-    panel.set(xlabel="viewing distance [m]", ylabel="relative contrast sensitivity", ylim=(0, 1.05))
-    panel.legend(frameon=False, title="structural element")
-    panel.spines[["top", "right"]].set_visible(False)
-    finish_figure(figure, path)
+    axes = {"xlabel": "viewing distance [m]", "ylabel": "relative contrast sensitivity"}
+    legend = {"title": "structural element"}
+    with drawn_panel(path, 5.6, 3.8, legend=legend, ylim=(0, 1.05), **axes) as panel:
+        for colour, size in zip(COLOURS, CSF_SIZES_MM, strict=False):
+            curve = contrast_sensitivity(cycles_per_degree(size, distances)) / highest
+            panel.plot(1e-3 * distances, curve, color=colour, label=f"{size:g} mm")
+        panel.spines[["top", "right"]].set_visible(False)
     return path
 
 
-STUDY: Study = Study(
-    name="critical-distance",
-    about="From which distance on structure cannot be seen, predicted for all materials.",
-    source="thesis section 3.3, Tables 3.1 to 3.3, Figs 3.11 to 3.16",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
+_ABOUT = "From which distance on structure cannot be seen, predicted for all materials."
+_SOURCE = "thesis section 3.3, Tables 3.1 to 3.3, Figs 3.11 to 3.16"
+STUDY = Study(
+    "critical-distance", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

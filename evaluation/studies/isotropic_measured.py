@@ -14,20 +14,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import distinct, where
 from simrig.evaluation.studies.gantry.trials import (
-    ERRORS,
     Picture,
-    cost_text,
-    error_text,
+    error_table,
     gantry_trial,
-    mean_cost,
-    mean_errors,
+    method_means,
 )
 from simrig.files.load import load_material
 from simrig.plans.gantry import GantryPlan
-from simrig.viewing.plots import COLOURS, finish_figure, new_figure
+from simrig.viewing.plots import COLOURS, drawn_panel
 
 PUBLISHED = {"delta_e": 9.1, "rmse": 15.7, "psnr": 24.9}  # means over 55 MERL materials
 FILES = (
@@ -88,16 +85,12 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the errors of every file and their means, beside the published ones."""
-    present = [dict(row) for row in rows if row["present"]]
-    means = {}
-    for method in config["methods"] if present else ():
-        own = [row for row in present if row["method"] == method]
-        means[method] = {**mean_errors(own), **mean_cost(own)}
+    present = where(rows, present=True)
     return {
         "published": PUBLISHED,
-        "means": means,
-        "rows": present,
-        "absent": list(dict.fromkeys(row["file"] for row in rows if not row["present"])),
+        "means": method_means(present, config["methods"] if present else ()),
+        "rows": [dict(row) for row in present],
+        "absent": distinct(where(rows, present=False), "file"),
         "folder": config["folder"],
     }
 
@@ -106,55 +99,33 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
 
-    methods = list(summary["means"])
-    columns = ("material", *methods)
-    rows = []
-    for name in dict.fromkeys(row["file"] for row in summary["rows"]):
-        own = {row["method"]: row for row in summary["rows"] if row["file"] == name}
-        rows.append((name, *(error_text(own[method]) for method in methods)))
-    means = ("mean", *(error_text(summary["means"][method]) for method in methods))
-    costs = ("cost, to reconstruct", *(cost_text(summary["means"][m]) for m in methods))
-    shown = text_table(" / ".join(ERRORS.values()), columns, rows, below=[means, costs])
     published = " / ".join(f"{value:g}" for value in summary["published"].values())
     lines = [f"published, mean over 55 other materials (MERL): {published}"]
     if summary["absent"]:
         lines.append(f"not in '{summary['folder']}': {', '.join(summary['absent'])}")
-    return Group(shown, *lines)
+    return Group(error_table(summary, "file"), *lines)
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw the PSNR of every material and method over the published mean."""
     if not summary["rows"]:
         return []
-    figure = new_figure(7.6, 4.2)
-    panel = figure.subplots()
-    names = list(dict.fromkeys(row["file"] for row in summary["rows"]))
-    for number, method in enumerate(summary["means"]):
-        own = {row["file"]: row["psnr"] for row in summary["rows"] if row["method"] == method}
-        values = [own[name] for name in names]
-        panel.plot(
-            values,
-            range(len(names)),
-            "os^"[number % 3],
-            color=COLOURS[number],
-            label=method,
-        )
-    panel.axvline(summary["published"]["psnr"], color="0.6", linestyle="--", label="MERL, mean")
-    panel.set_yticks(range(len(names)), [Path(name).stem for name in names])
-    panel.set_xlabel("PSNR [dB]  (higher is better)")
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
-    finish_figure(figure, folder / "isotropic.png")
-    return [folder / "isotropic.png"]
+    names, path = distinct(summary["rows"], "file"), folder / "isotropic.png"
+    legend = {"loc": "outside lower center", "ncols": 4}
+    with drawn_panel(
+        path, 7.6, 4.2, legend=legend, xlabel="PSNR [dB]  (higher is better)"
+    ) as panel:
+        for number, method in enumerate(summary["means"]):
+            own = {row["file"]: row["psnr"] for row in where(summary["rows"], method=method)}
+            values, style = [own[name] for name in names], "os^"[number % 3]
+            panel.plot(values, range(len(names)), style, color=COLOURS[number], label=method)
+        panel.axvline(summary["published"]["psnr"], color="0.6", linestyle="--", label="MERL, mean")
+        panel.set_yticks(range(len(names)), [Path(name).stem for name in names])
+    return [path]
 
 
-STUDY: Study = Study(
-    name="isotropic-measured",
-    about="Section 6.3.1: measured isotropic materials from 84 gantry samples.",
-    source="thesis section 6.3.1",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
+_ABOUT = "Section 6.3.1: measured isotropic materials from 84 gantry samples."
+_SOURCE = "thesis section 6.3.1"
+STUDY = Study(
+    "isotropic-measured", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

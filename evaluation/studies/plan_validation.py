@@ -292,14 +292,6 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "plan_validation.png"]
 
 
-STUDY: Study = Study(
-    name="plan-validation",
-    about="Validation of the planner: planned renders against converged ones with every effect.",
-    source="none published: the figures are our own",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)
+_ABOUT = "Validation of the planner: planned renders against converged ones with every effect."
+_SOURCE = "none published: the figures are our own"
+STUDY = Study("plan-validation", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

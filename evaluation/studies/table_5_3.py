@@ -29,11 +29,12 @@ from simrig.core.cost import stopwatch
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
+from simrig.viewing.plots import dot_style, drawn_panel
 
 # case: (samples, polar angle step, azimuth step, slice types)
 CASES: dict[str, tuple[int, float, float, str]] = {
@@ -122,11 +123,13 @@ def table(summary: Mapping[str, Any]) -> Any:
                 f"{e_s:g}°/{a_s:g}°: published, ours, ratio (one pole)"
             )
         cells = []
-        for name in dict.fromkeys(row["material"] for row in rows):
-            own = {row["case"]: row for row in rows if row["material"] == name}
-            cells.append((name, *(_text(**own[case]) for case in CASES if case in own)))
-        means = [_means([r for r in rows if r["case"] == case]) for case in CASES]
-        return text_table(title, columns, cells, below=[("mean", *means)])
+        for name in distinct(rows, "material"):
+            own = {row["case"]: row for row in where(rows, material=name)}
+            cells.append((name, *(_text(own[case]) for case in CASES if case in own)))
+        keys = ("published", "ours", "ours_one_pole")
+        found = [where(rows, case=case) for case in CASES]
+        below = [("mean", *(_text(means(own, keys)) if own else "" for own in found))]
+        return text_table(title, columns, cells, below=below)
 
     parts = [make("MRE [%], Table D.1 as printed", summary["rows"])]
     if summary["rescaled_rows"]:
@@ -135,49 +138,32 @@ def table(summary: Mapping[str, Any]) -> Any:
     return Group(*parts)
 
 
-def _text(published: float, ours: float, ours_one_pole: float, **_: Any) -> str:
-    return f"{published:5.1f}  {ours:6.2f}  {ours / published:5.2f}× ({ours_one_pole:.2f})"
-
-
-def _means(rows: list[dict[str, Any]]) -> str:
-    if not rows:
-        return ""
-    keys = ("published", "ours", "ours_one_pole")
-    return _text(*(sum(row[key] for row in rows) / len(rows) for key in keys))
+def _text(row: Mapping[str, float]) -> str:
+    ratio = row["ours"] / row["published"]
+    return (
+        f"{row['published']:5.1f}  {row['ours']:6.2f}  {ratio:5.2f}× ({row['ours_one_pole']:.2f})"
+    )
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw our errors over the published ones."""
-    figure = new_figure(5.6, 5.2)
-    panel = figure.subplots()
-    for number, case in enumerate(CASES):
-        own = [row for row in rows if row["case"] == case]
-        panel.plot(
-            [row["published"] for row in own],
-            [row["ours"] for row in own],
-            linestyle="",
-            color=COLOURS[number],
-            marker=MARKERS[number],
-            markerfacecolor="white",
-            label=f"({case}) {CASES[case][0]:,} samples, {CASES[case][3].replace('_', ' + ')}",
-        )
-    panel.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0, label="as published")
-    panel.set(xscale="log", yscale="log", xlabel="MRE published [%]", ylabel="MRE ours [%]")
-    for scale in (panel.xaxis, panel.yaxis):
-        plain_ticks(scale)
-    panel.legend(frameon=False)
-    finish_figure(figure, folder / "table_5_3.png")
-    return [folder / "table_5_3.png"]
+    path = folder / "table_5_3.png"
+    axes = {
+        "xscale": "log",
+        "yscale": "log",
+        "xlabel": "MRE published [%]",
+        "ylabel": "MRE ours [%]",
+    }
+    with drawn_panel(path, 5.6, 5.2, **axes) as panel:
+        for number, (case, (samples, _, _, types)) in enumerate(CASES.items()):
+            own = where(rows, case=case)
+            label = f"({case}) {samples:,} samples, {types.replace('_', ' + ')}"
+            x, y = ([row[key] for row in own] for key in ("published", "ours"))
+            panel.plot(x, y, label=label, **dot_style(number))
+        panel.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0, label="as published")
+    return [path]
 
 
-STUDY: Study = Study(
-    name="table-5-3",
-    about="Table 5.3: the mean relative error of adaptive slices, published beside ours.",
-    source="thesis section 5.5.4, Table 5.3",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)
+_ABOUT = "Table 5.3: the mean relative error of adaptive slices, published beside ours."
+_SOURCE = "thesis section 5.5.4, Table 5.3"
+STUDY = Study("table-5-3", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

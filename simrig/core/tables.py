@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
+
+# what a column shows of a row: a format such as "{seconds:.2f} s", or a function of the row
+Column = str | Callable[[Any], Any]
 
 
 def text_table(
@@ -47,3 +50,26 @@ def text_table(
             made.add_row(*map(Text, cells))
         made.add_section()
     return made
+
+
+def record_table(
+    title: str,
+    columns: Mapping[str, Column],
+    rows: Iterable[Mapping[str, Any]],
+    **settings: Any,
+) -> Any:
+    """Return a rich table of rows that have names for their values.
+
+    Args:
+        title: above it.
+        columns: what stands under each heading.
+        rows: of named values.
+        settings: of ``text_table``.
+    """
+    made = ([shown(column, row) for column in columns.values()] for row in rows)
+    return text_table(title, list(columns), made, **settings)
+
+
+def shown(column: Column, row: Mapping[str, Any]) -> Any:
+    """Return what a column shows of a row."""
+    return column.format_map(row) if isinstance(column, str) else column(row)

@@ -6,7 +6,8 @@ Figures are made without pyplot: nothing global is read or changed, and no displ
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,56 @@ def finish_figure(figure: Figure, path: str | Path | None = None) -> bytes:
         with atomic_write(path) as temporary:
             temporary.write_bytes(buffer.getvalue())
     return buffer.getvalue()
+
+
+@contextmanager
+def drawn_panel(
+    path: str | Path,
+    width: float,
+    height: float,
+    *,
+    legend: Mapping[str, Any] | None = None,
+    **axes: Any,
+) -> Iterator[Axes]:
+    """Give one panel to draw into, and write the figure when the block ends.
+
+    Args:
+        path: of the PNG.
+        width, height: in inches.
+        legend: settings of the legend, which is there where something has a label; with a ``loc``
+            outside the panel it belongs to the figure.
+        axes: properties of the panel, set at the end; logarithmic axes get plain numbers.
+
+    Raises:
+        SimrigError: when the file cannot be written.
+    """
+    figure = new_figure(width, height)
+    panel = figure.subplots()
+    yield panel
+    finish_panel(panel, legend, **axes)
+    finish_figure(figure, path)
+
+
+def finish_panel(panel: Axes, legend: Mapping[str, Any] | None = None, **axes: Any) -> None:
+    """Set the properties and the legend of a panel; see ``drawn_panel``."""
+    panel.set(**axes)
+    for scale in (panel.xaxis, panel.yaxis):
+        if scale.get_scale() == "log":
+            plain_ticks(scale)
+    if panel.get_legend_handles_labels()[0]:
+        settings = {"frameon": False, **(legend or {})}
+        outside = str(settings.get("loc", "")).startswith("outside")
+        (panel.get_figure() if outside else panel).legend(**settings)  # type: ignore[union-attr]
+
+
+def dot_style(number: int) -> dict[str, str]:
+    """Return what draws dots among several kinds, hollow and not joined."""
+    return {**line_style(number), "linestyle": "", "markerfacecolor": "white"}
+
+
+def line_style(number: int) -> dict[str, str]:
+    """Return colour and marker of a line among several; after seven they come back."""
+    return {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)]}
 
 
 def pareto_front(costs: ArrayLike, errors: ArrayLike) -> np.ndarray:

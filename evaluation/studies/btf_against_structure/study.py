@@ -267,14 +267,8 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     return {**found, "means": means, "tolerance": config["tolerance"]}
 
 
-STUDY: Study = Study(
-    name="btf-against-structure",
-    about="A measured BTF beside its true structure: between angles, over distance, in speed.",
-    source="a question of our own; BTFs as in thesis sections 1.1.1 and 3.3",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
+_ABOUT = "A measured BTF beside its true structure: between angles, over distance, in speed."
+_SOURCE = "a question of our own; BTFs as in thesis sections 1.1.1 and 3.3"
+STUDY = Study(
+    "btf-against-structure", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

@@ -281,15 +281,8 @@ def _beside_exact(
     return row
 
 
-STUDY: Study = Study(
-    name="btf-slices",
-    about="Section 6.3.5: BTFs reconstructed from the 168 images of a gantry, failures shown.",
-    source="thesis section 6.3.5, Figures 6.17 and 6.18",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-    keeps=True,
+_ABOUT = "Section 6.3.5: BTFs reconstructed from the 168 images of a gantry, failures shown."
+_SOURCE = "thesis section 6.3.5, Figures 6.17 and 6.18"
+STUDY = Study(
+    "btf-slices", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots, keeps=True
 )

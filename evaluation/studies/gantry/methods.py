@@ -22,41 +22,41 @@ from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, Brdf, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.cost import stopwatch
-from simrig.core.tables import text_table
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import where
 from simrig.evaluation.studies.gantry.trials import (
     ERRORS,
     Picture,
-    cost_text,
-    error_text,
+    error_table,
     gantry_trial,
-    mean_cost,
-    mean_errors,
+    method_means,
 )
 from simrig.plans.gantry import GantryPlan
 from simrig.plans.listed import SchemePlan
 from simrig.reconstruction.gantry.brdfs import METHODS
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
-from simrig.viewing.plots import COLOURS, finish_figure, new_figure
+from simrig.viewing.plots import COLOURS, drawn_panel
 
 UNIFORM = ("uniform", "uniform-log")
 # mean over ten materials, gantry minus uniform; which method is not said
 PUBLISHED_GAIN = {"delta_e": -1.4, "rmse": -3.2, "psnr": 1.8}
-_COMMON = {"azimuth_step_deg": 15.0, "methods": [*METHODS, *UNIFORM]}
+_COMMON = {
+    "azimuth_step_deg": 15.0,
+    "methods": [*METHODS, *UNIFORM],
+    "thetas_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
+}
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         **_COMMON,
         "materials": ["yellow_satin", "wood01"],
-        "thetas_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
         "table": {"theta_step_deg": 15.0, "azimuths": 24},
     },
     "full": {
         **_COMMON,
         "materials": [*KURT_MATERIALS, *RESCALED_MATERIALS],
-        "thetas_deg": [0.0, 15.0, 30.0, 45.0, 60.0, 75.0],
         "table": {"theta_step_deg": 7.5, "azimuths": 48},
     },
 }
@@ -112,10 +112,7 @@ def _uniform(
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the errors by material and method, their means, and the gain over uniform samples."""
-    means: dict[str, dict[str, float]] = {}
-    for method in config["methods"]:
-        own = [row for row in rows if row["method"] == method]
-        means[method] = {**mean_errors(own), **mean_cost(own)}
+    means = method_means(rows, config["methods"])
     gains = {
         method: {name: means[method][name] - means[UNIFORM[0]][name] for name in ERRORS}
         for method in config["methods"]
@@ -134,15 +131,6 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
 
-    methods = list(summary["means"])
-    columns = ("material", *methods)
-    rows = []
-    for name in summary["materials"]:
-        own = {row["method"]: row for row in summary["rows"] if row["material"] == name}
-        rows.append((name, *(error_text(own[method]) for method in methods)))
-    means = ("mean", *(error_text(summary["means"][method]) for method in methods))
-    costs = ("cost, to reconstruct", *(cost_text(summary["means"][m]) for m in methods))
-    shown = text_table(" / ".join(ERRORS.values()), columns, rows, below=[means, costs])
     published = summary["published_gain"]
     lines = [
         f"{name} against uniform samples: published "
@@ -151,35 +139,27 @@ def table(summary: Mapping[str, Any]) -> Any:
         + ", ".join(f"{gain[error]:+.1f}" for error in published)
         for name, gain in summary["gains"].items()
     ]
-    return Group(shown, *lines)
+    return Group(error_table(summary, "material"), *lines)
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw the PSNR of every material and method."""
-    figure = new_figure(8.4, 4.2)
-    panel = figure.subplots()
     methods, names = list(summary["means"]), summary["materials"]
-    width = 0.8 / len(methods)
-    for number, method in enumerate(methods):
-        own = {row["material"]: row["psnr"] for row in rows if row["method"] == method}
-        places = np.arange(len(names)) + (number - 0.5 * (len(methods) - 1)) * width
-        panel.bar(places, [own[name] for name in names], width, color=COLOURS[number], label=method)
-    panel.set_xticks(range(len(names)), names, rotation=35, ha="right")
-    panel.set_ylabel("PSNR [dB]  (higher is better)")
-    panel.legend(frameon=False, ncols=len(methods), loc="upper left")
-    panel.margins(y=0.15)
-    finish_figure(figure, folder / "methods.png")
-    return [folder / "methods.png"]
+    width, path = 0.8 / len(methods), folder / "methods.png"
+    legend = {"ncols": len(methods), "loc": "upper left"}
+    with drawn_panel(
+        path, 8.4, 4.2, legend=legend, ylabel="PSNR [dB]  (higher is better)"
+    ) as panel:
+        for number, method in enumerate(methods):
+            own = {row["material"]: row["psnr"] for row in where(rows, method=method)}
+            places = np.arange(len(names)) + (number - 0.5 * (len(methods) - 1)) * width
+            values = [own[name] for name in names]
+            panel.bar(places, values, width, color=COLOURS[number], label=method)
+        panel.set_xticks(range(len(names)), names, rotation=35, ha="right")
+        panel.margins(y=0.15)
+    return [path]
 
 
-STUDY: Study = Study(
-    name="gantry-methods",
-    about="Section 6.3.2: gantry methods A, B and BD beside 169 uniform samples.",
-    source="thesis section 6.3.2, Figure 6.13",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)
+_ABOUT = "Section 6.3.2: gantry methods A, B and BD beside 169 uniform samples."
+_SOURCE = "thesis section 6.3.2, Figure 6.13"
+STUDY = Study("gantry-methods", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

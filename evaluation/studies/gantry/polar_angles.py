@@ -17,19 +17,19 @@ from pathlib import Path
 from typing import Any
 
 from simrig.brdf import kurt_material
-from simrig.core.tables import text_table
+from simrig.core.tables import Column, record_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import means, where
 from simrig.evaluation.studies.gantry.trials import (
+    COSTS,
     ERRORS,
     Picture,
     cost_text,
     error_text,
     gantry_trial,
-    mean_cost,
-    mean_errors,
 )
 from simrig.plans.gantry import GantryPlan
-from simrig.viewing.plots import COLOURS, finish_figure, new_figure
+from simrig.viewing.plots import COLOURS, drawn_panel
 
 PAIRS = ((15, 60), (15, 75), (30, 60), (30, 75), (45, 75), (60, 75))
 PUBLISHED_ORDER = ("45/75", "30/75")  # best and second best
@@ -72,16 +72,16 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the mean errors of every pair, best first, beside the published order."""
-    means: list[dict[str, Any]] = []
-    for low, high in config["pairs"]:
-        own = [row for row in rows if (row["low"], row["high"]) == (low, high)]
-        means.append({"pair": f"{low:g}/{high:g}", **mean_errors(own)})
-    means.sort(key=lambda mean: mean["rmse"])
+    pairs: list[dict[str, Any]] = [
+        {"pair": f"{low:g}/{high:g}", **means(where(rows, low=low, high=high), ERRORS)}
+        for low, high in config["pairs"]
+    ]
+    pairs.sort(key=lambda mean: mean["rmse"])
     return {
         "published_order": list(PUBLISHED_ORDER),
-        "our_order": [mean["pair"] for mean in means],
-        "means": means,
-        "cost": mean_cost(rows),
+        "our_order": [mean["pair"] for mean in pairs],
+        "means": pairs,
+        "cost": means(rows, COSTS),
         "materials": list(config["materials"]),
     }
 
@@ -91,43 +91,33 @@ def table(summary: Mapping[str, Any]) -> Any:
     from rich.console import Group
 
     places = {pair: f"{k + 1}." for k, pair in enumerate(summary["published_order"])}
-    shown = text_table(
-        "two polar angles of a gantry, best first",
-        ("θ [°]", "published", f"ours: {' / '.join(ERRORS.values())}"),
-        (
-            (mean["pair"], places.get(mean["pair"], ""), error_text(mean))
-            for mean in summary["means"]
-        ),
-        left=(0, 1),
-    )
+    columns: dict[str, Column] = {
+        "θ [°]": "{pair}",
+        "published": lambda mean: places.get(mean["pair"], ""),
+        f"ours: {' / '.join(ERRORS.values())}": error_text,
+    }
+    title = "two polar angles of a gantry, best first"
+    shown = record_table(title, columns, summary["means"], left=(0, 1))
     cost = f"each: {cost_text(summary['cost'])} to reconstruct"
     return Group(shown, f"means over {', '.join(summary['materials'])}", cost)
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw the RMSE of every pair, as Figure 6.24, with the materials as dots."""
-    figure = new_figure(5.6, 3.8)
-    panel = figure.subplots()
     pairs = sorted(summary["our_order"], key=lambda pair: [float(t) for t in pair.split("/")])
     means = {mean["pair"]: mean["rmse"] for mean in summary["means"]}
-    panel.bar(pairs, [means[pair] for pair in pairs], color=COLOURS[0], width=0.6, label="mean")
-    for number, name in enumerate(summary["materials"], start=1):
-        own = {f"{r['low']:g}/{r['high']:g}": r["rmse"] for r in rows if r["material"] == name}
-        panel.plot(pairs, [own[p] for p in pairs], "o", color=COLOURS[number], label=name)
-    panel.set(xlabel="measured polar angles [°]", ylabel="RMSE  (lower is better)")
-    panel.legend(frameon=False, fontsize=8)
-    finish_figure(figure, folder / "polar_angles.png")
-    return [folder / "polar_angles.png"]
+    path = folder / "polar_angles.png"
+    axes = {"xlabel": "measured polar angles [°]", "ylabel": "RMSE  (lower is better)"}
+    with drawn_panel(path, 5.6, 3.8, legend={"fontsize": 8}, **axes) as panel:
+        panel.bar(pairs, [means[pair] for pair in pairs], color=COLOURS[0], width=0.6, label="mean")
+        for number, name in enumerate(summary["materials"], start=1):
+            own = {"{low:g}/{high:g}".format_map(r): r["rmse"] for r in where(rows, material=name)}
+            panel.plot(pairs, [own[p] for p in pairs], "o", color=COLOURS[number], label=name)
+    return [path]
 
 
-STUDY: Study = Study(
-    name="gantry-polar-angles",
-    about="Figure 6.24: which two polar angles a gantry should measure.",
-    source="thesis section 6.4.4, Figure 6.24",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
+_ABOUT = "Figure 6.24: which two polar angles a gantry should measure."
+_SOURCE = "thesis section 6.4.4, Figure 6.24"
+STUDY = Study(
+    "gantry-polar-angles", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

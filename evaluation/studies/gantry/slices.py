@@ -20,11 +20,12 @@ from typing import Any
 from simrig.brdf import kurt_material
 from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import distinct, grouped, means, where
 from simrig.evaluation.studies.gantry.polar_angles import ANISOTROPIC
-from simrig.evaluation.studies.gantry.trials import Picture, gantry_trial, mean_errors
+from simrig.evaluation.studies.gantry.trials import ERRORS, Picture, gantry_trial
 from simrig.plans.gantry import GantryPlan
 from simrig.rigs.registry import make_rig
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure
+from simrig.viewing.plots import finish_figure, line_style, new_figure
 
 ALL = 24  # slices of each kind that meet every sample of the grid
 THETAS: dict[str, list[float]] = {
@@ -41,6 +42,7 @@ CLAIMS = (
     "15, 30, 45, 60, 75° is less than 0.5 % better than 15, 30, 52.5, 75°",
     "8 slices per subspace with four cameras take around 7 minutes",
 )
+_TEXT = "{psnr:.1f} / {ssim:.3f} ({samples:,}, {hardware_minutes:.1f})"
 _COMMON = {"azimuth_step_deg": 15.0, "method": "gantry-b"}
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -94,22 +96,12 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the mean errors and the cost of every configuration, and the published claims."""
-    found: dict[tuple, list[Row]] = {}
-    for row in rows:
-        key = (row["thetas"], row["slices"], row["combination"])
-        found.setdefault(key, []).append(row)
-    means = [
-        {
-            "thetas": thetas,
-            "slices": count,
-            "combination": combination,
-            **mean_errors(own),
-            **{name: own[0][name] for name in ("samples", "hardware_minutes")},
-        }
-        for (thetas, count, combination), own in found.items()
-    ]
+    same = ("thetas", "slices", "combination", "samples", "hardware_minutes")
     return {
-        "means": means,
+        "means": [
+            {**{key: own[0][key] for key in same}, **means(own, ERRORS)}
+            for own in grouped(rows, *same[:3]).values()
+        ],
         "materials": list(config["materials"]),
         "published_claims": list(CLAIMS),
     }
@@ -119,18 +111,18 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
 
-    names = list(dict.fromkeys(mean["thetas"] for mean in summary["means"]))
+    names = distinct(summary["means"], "thetas")
     rows = []
-    cases = sorted({(m["slices"], m["combination"] == "corners") for m in summary["means"]})
-    for count, corners in cases:
-        own = {
-            mean["thetas"]: mean
-            for mean in summary["means"]
-            if (mean["slices"], mean["combination"] == "corners") == (count, corners)
-        }
+    # the sum stands before the same slices combined at corners
+    cases = sorted(
+        grouped(summary["means"], "slices", "combination"), key=lambda c: (c[0], c[1] != "sum")
+    )
+    for count, combination in cases:
+        found = where(summary["means"], slices=count, combination=combination)
+        own = {mean["thetas"]: mean for mean in found}
         label = "all" if count == ALL else f"{count} + {count}"
-        label += "" if corners else ", sum"
-        rows.append((label, *(_text(own[name]) for name in names)))
+        label += ", sum" if combination == "sum" else ""
+        rows.append((label, *(_TEXT.format_map(own[name]) for name in names)))
     columns = ("slices", *map(_degrees, names))
     shown = text_table(
         "PSNR in dB / SSIM (samples, minutes)", columns, rows, left=range(len(columns))
@@ -143,23 +135,15 @@ def _degrees(name: str) -> str:
     return ", ".join(f"{theta:g}" for theta in THETAS[name]) + "°"
 
 
-def _text(mean: Mapping[str, Any]) -> str:
-    return (
-        f"{mean['psnr']:.1f} / {mean['ssim']:.3f} "
-        f"({mean['samples']:,}, {mean['hardware_minutes']:.1f})"
-    )
-
-
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw PSNR, SSIM, samples and time over the slices per subspace, as Figure 6.26."""
     figure = new_figure(9.5, 7.0)
     panels = figure.subplots(2, 2).ravel()
     labels = ("PSNR [dB]", "SSIM", "samples", "time of the gantry [min]")
     values = ("psnr", "ssim", "samples", "hardware_minutes")
-    names = list(dict.fromkeys(mean["thetas"] for mean in summary["means"]))
     for panel, label, value in zip(panels, labels, values, strict=True):
-        for number, name in enumerate(names):
-            _curve(panel, [m for m in summary["means"] if m["thetas"] == name], value, number)
+        for number, own in enumerate(grouped(summary["means"], "thetas").values()):
+            _curve(panel, own, value, number)
         panel.set(xlabel="slices per subspace", ylabel=label)
         panel.grid(color="0.9")
     panels[2].set_yscale("log")
@@ -170,36 +154,22 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "slices.png"]
 
 
-def _curve(panel: Any, means: list[Mapping[str, Any]], value: str, number: int) -> None:
+def _curve(panel: Any, means: Sequence[Row], value: str, number: int) -> None:
     """Draw one set of polar angles: a line, a cross for the sum, a dashed line for all samples."""
-    colour = COLOURS[number % len(COLOURS)]
+    style, label = line_style(number), _degrees(means[0]["thetas"])
     line = sorted(
-        (2 * m["slices"], m[value])
-        for m in means
-        if m["slices"] != ALL and m["combination"] == "corners"
+        (2 * mean["slices"], mean[value])
+        for mean in where(means, combination="corners")
+        if mean["slices"] != ALL
     )
-    panel.plot(
-        *zip(*line, strict=True),
-        color=colour,
-        marker=MARKERS[number % len(MARKERS)],
-        markerfacecolor="white",
-        label=_degrees(means[0]["thetas"]),
-    )
+    panel.plot(*zip(*line, strict=True), markerfacecolor="white", label=label, **style)
     for mean in means:
         if mean["combination"] == "sum":
-            panel.plot(2, mean[value], "x", color=colour)
+            panel.plot(2, mean[value], "x", color=style["color"])
         elif mean["slices"] == ALL:
-            panel.axhline(mean[value], color=colour, linestyle="--", linewidth=0.8)
+            panel.axhline(mean[value], color=style["color"], linestyle="--", linewidth=0.8)
 
 
-STUDY: Study = Study(
-    name="gantry-slices",
-    about="Figure 6.26: polar angles and slices per subspace of a gantry against error and time.",
-    source="thesis section 6.4.4, Figure 6.26",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)
+_ABOUT = "Figure 6.26: polar angles and slices per subspace of a gantry against error and time."
+_SOURCE = "thesis section 6.4.4, Figure 6.26"
+STUDY = Study("gantry-slices", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

@@ -11,11 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
-from simrig.evaluation.metrics import images as metrics
+from simrig.core.tables import text_table
+from simrig.evaluation.metrics.images import image_errors
+from simrig.evaluation.studies.engine.base import Row
+from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.rigs.gantry.rig import Gantry
@@ -36,7 +37,7 @@ class Picture:
     """The picture over which errors are taken.
 
     Attributes:
-        elevations_deg: of the tiles.
+        thetas_deg: of the tiles.
         azimuth_step_deg: size of a pixel.
     """
 
@@ -53,16 +54,7 @@ class Picture:
         reference, image = (
             brdf_picture(one, self.thetas_deg, self.azimuth_step_deg) for one in (truth, result)
         )
-        exposure = brdf_exposure(reference)
-        error = metrics.mse(reference, image, exposure=exposure)
-        similarity = metrics.ssim_map(reference, image, exposure)
-        everywhere = np.ones(reference.shape[:2], dtype=bool)
-        return {
-            "delta_e": float(metrics.delta_e_map(reference, image, exposure).mean()),
-            "rmse": error**0.5,
-            "psnr": metrics.psnr_from_mse(error),
-            "ssim": metrics.ssim_mean(similarity, everywhere),
-        }
+        return image_errors(reference, image, brdf_exposure(reference))
 
 
 def gantry_trial(
@@ -96,27 +88,35 @@ def gantry_trial(
     }
 
 
-def mean_errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return the means of the ``ERRORS`` over rows."""
-    return {name: float(np.mean([row[name] for row in rows])) for name in ERRORS}
+def method_means(rows: Sequence[Row], methods: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return the mean errors and costs of every method."""
+    return {method: means(where(rows, method=method), (*ERRORS, *COSTS)) for method in methods}
+
+
+def error_table(summary: Mapping[str, Any], subject: str) -> Any:
+    """Return the errors of every material and method, and their means and costs.
+
+    Args:
+        summary: with ``rows`` and, by method, ``means``.
+        subject: what names a material in the rows.
+    """
+    rows = []
+    for name in distinct(summary["rows"], subject):
+        own = {row["method"]: row for row in where(summary["rows"], **{subject: name})}
+        rows.append((name, *(error_text(own[method]) for method in summary["means"])))
+    mean = summary["means"].values()
+    below = [("mean", *map(error_text, mean)), ("cost, to reconstruct", *map(cost_text, mean))]
+    return text_table(
+        " / ".join(ERRORS.values()), ("material", *summary["means"]), rows, below=below
+    )
 
 
 def error_text(errors: Mapping[str, float]) -> str:
     """Return errors as the thesis writes them: ΔE / RMSE / PSNR / SSIM."""
-    return (
-        f"{errors['delta_e']:.1f} / {errors['rmse']:.1f} / {errors['psnr']:.1f} / "
-        f"{errors['ssim']:.2f}"
-    )
-
-
-def mean_cost(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return the mean cost of a trial: samples, minutes of the device, seconds."""
-    return {name: float(np.mean([row[name] for row in rows])) for name in COSTS}
+    return "{delta_e:.1f} / {rmse:.1f} / {psnr:.1f} / {ssim:.2f}".format_map(errors)
 
 
 def cost_text(cost: Mapping[str, float]) -> str:
     """Return a cost as tables show it."""
-    return (
-        f"{cost['samples']:,.0f} samples, {cost['hardware_minutes']:.1f} min, "
-        f"{cost['reconstruction_seconds']:.2f} s"
-    )
+    line = "{samples:,.0f} samples, {hardware_minutes:.1f} min, {reconstruction_seconds:.2f} s"
+    return line.format_map(cost)

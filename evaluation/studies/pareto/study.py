@@ -194,14 +194,6 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     return summarise_rows(rows, list(config["materials"]))
 
 
-STUDY: Study = Study(
-    name="pareto",
-    about="What accuracy costs: every method's error over samples, hours, seconds and bytes.",
-    source="a question of our own; thesis sections 5.5 and 6.3 compare some of these methods",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)
+_ABOUT = "What accuracy costs: every method's error over samples, hours, seconds and bytes."
+_SOURCE = "a question of our own; thesis sections 5.5 and 6.3 compare some of these methods"
+STUDY = Study("pareto", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

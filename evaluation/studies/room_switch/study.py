@@ -269,15 +269,8 @@ def _pictures(
     return {**found, "range_map": range_picture(range_map_m(resolution))}
 
 
-STUDY: Study = Study(
-    name="room-switch",
-    about="A room of chairs in BTFs, BRDFs, and switched at the critical viewing distance.",
-    source="thesis section 3.3.5, Fig. 3.18, Table 3.4",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-    keeps=True,
+_ABOUT = "A room of chairs in BTFs, BRDFs, and switched at the critical viewing distance."
+_SOURCE = "thesis section 3.3.5, Fig. 3.18, Table 3.4"
+STUDY = Study(
+    "room-switch", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots, keeps=True
 )

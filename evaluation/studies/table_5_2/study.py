@@ -202,14 +202,6 @@ def _both_splines(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-STUDY: Study = Study(
-    name="table-5-2",
-    about="Table 5.2: adaptive slices against uniform schemes, barycentric and by RBF.",
-    source="thesis sections 5.5.2 and D.3, Table 5.2, Fig. 5.8",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)
+_ABOUT = "Table 5.2: adaptive slices against uniform schemes, barycentric and by RBF."
+_SOURCE = "thesis sections 5.5.2 and D.3, Table 5.2, Fig. 5.8"
+STUDY = Study("table-5-2", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
