@@ -27,10 +27,11 @@ import numpy as np
 
 from simrig.brdf import KURT_MATERIALS
 from simrig.brdf.protocol import Brdf
-from simrig.core.tables import text_table
+from simrig.core.tables import Column, named_rows, record_table, text_table
 from simrig.evaluation.metrics.images import displayed, psnr_from_mse
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import grouped, means, where
 from simrig.files.load import load_material
 from simrig.plans.along_slices import SlicePlan, slice_samples
 from simrig.plans.placement import SlicePlacement, SubspacePlacement
@@ -42,7 +43,7 @@ from simrig.reconstruction.slices.subspace import reconstruct_subspace
 from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.brdf.picture import brdf_exposure
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure
+from simrig.viewing.plots import finish_figure, finish_panel, line_style, new_figure
 
 PUBLISHED = {"samples": 1555, "materials": 37, "materials_that_gain": 37}
 _HIGHEST = 99.0  # dB: pictures that differ by less are equal
@@ -146,25 +147,22 @@ def _whole(material: Brdf, plan: Sequence[float], directions: int) -> dict[str, 
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return mean gains by number of slices, pair and material, and the largest loss and gain."""
-    flat = [row for row in rows if row["kind"] == "subspace"]
-    whole = [row for row in rows if row["kind"] == "whole"]
     by_slices = {}
     for count in config["slices"]:
-        own = [row for row in flat if row["slices_of_a_kind"] == count]
+        own = where(rows, kind="subspace", slices_of_a_kind=count)
         by_slices[str(count)] = {
             **_spread(own),
-            "pairs": _means(own, ("theta_i_deg", "theta_v_deg")),
-            "materials": _means(own, ("material",)),
+            "pairs": _gains(own, "theta_i_deg", "theta_v_deg"),
+            "materials": _gains(own, "material"),
         }
     plans = {}
     for samples, _, _ in config["plans"]:
-        own = [row for row in whole if row["samples"] == samples]
+        own = where(rows, kind="whole", samples=samples)
         keys = ("material", "former", "along_highlights", "gain")
         plans[str(samples)] = {
             "rows": [{key: row[key] for key in keys} for row in own],
             "better": sum(row["gain"] > 0.0 for row in own),
-            "mean_former": float(np.mean([row["former"] for row in own])),
-            "mean_along_highlights": float(np.mean([row["along_highlights"] for row in own])),
+            **_means(own, "former", "along_highlights"),
         }
     return {"published": PUBLISHED, "subspaces": by_slices, "whole": plans}
 
@@ -174,9 +172,7 @@ def _spread(rows: Sequence[Row]) -> dict[str, Any]:
     worst, best = (rows[int(np.argmin(gains))], rows[int(np.argmax(gains))])
     keys = ("material", "theta_i_deg", "theta_v_deg", "gain")
     return {
-        "mean_former": float(np.mean([row["former"] for row in rows])),
-        "mean_along_highlights": float(np.mean([row["along_highlights"] for row in rows])),
-        "mean_gain": float(np.mean(gains)),
+        **_means(rows, "former", "along_highlights", "gain"),
         "better": sum(gain > 0.0 for gain in gains),
         "count": len(gains),
         "largest_loss": {key: worst[key] for key in keys},
@@ -184,13 +180,15 @@ def _spread(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _means(rows: Sequence[Row], keys: tuple[str, ...]) -> list[dict[str, Any]]:
-    found: dict[tuple, list[float]] = {}
-    for row in rows:
-        found.setdefault(tuple(row[key] for key in keys), []).append(row["gain"])
+def _means(rows: Sequence[Row], *keys: str) -> dict[str, float]:
+    return {f"mean_{key}": mean for key, mean in means(rows, keys).items()}
+
+
+def _gains(rows: Sequence[Row], *keys: str) -> list[dict[str, Any]]:
+    """Return the mean gain for each combination of the values of some keys."""
     return [
-        {**dict(zip(keys, key, strict=True)), "gain": float(np.mean(gains))}
-        for key, gains in found.items()
+        {**dict(zip(keys, values, strict=True)), **means(own, ["gain"])}
+        for values, own in grouped(rows, *keys).items()
     ]
 
 
@@ -198,20 +196,23 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as tables for the terminal."""
     from rich.console import Group
 
-    rows = []
-    for count, own in summary["subspaces"].items():
-        means = (f"{own[key]:.1f}" for key in ("mean_former", "mean_along_highlights", "mean_gain"))
-        share = f"{own['better']} of {own['count']}"
-        ends = (_where(own[key]) for key in ("largest_loss", "largest_gain"))
-        rows.append((count, *means, share, *ends))
-    flat = text_table(
+    columns: dict[str, Column] = {
+        "slices of a kind": "{slices}",
+        "5.3": "{mean_former:.1f}",
+        "along-highlights": "{mean_along_highlights:.1f}",
+        "gain": "{mean_gain:.1f}",
+        "better in": "{better} of {count}",
+        "loss": lambda row: _where(row["largest_loss"]),
+        "gain of": lambda row: _where(row["largest_gain"]),
+    }
+    flat = record_table(
         "PSNR of subspaces in dB: 5.3, along highlights, and the gain",
-        ("slices of a kind", "5.3", "along-highlights", "gain", "better in", "loss", "gain of"),
-        rows,
+        columns,
+        named_rows(summary["subspaces"], "slices"),
         left=(),
     )
     plans = list(summary["whole"].values())
-    means = (_change(plan["mean_former"], plan["mean_along_highlights"]) for plan in plans)
+    mean = (_change(plan["mean_former"], plan["mean_along_highlights"]) for plan in plans)
     whole = text_table(
         "MRE of the whole BRDF in percent: D.1 → along highlights",
         ("material", *(f"{int(samples):,} samples" for samples in summary["whole"])),
@@ -219,7 +220,7 @@ def table(summary: Mapping[str, Any]) -> Any:
             (own[0]["material"], *(_change(**row) for row in own))
             for own in zip(*(plan["rows"] for plan in plans), strict=True)
         ),
-        below=[("mean", *means)],
+        below=[("mean", *mean)],
     )
     told = summary["published"]
     line = (
@@ -246,23 +247,18 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         apart = np.array([pair["theta_v_deg"] - pair["theta_i_deg"] for pair in own["pairs"]])
         gain = np.array([pair["gain"] for pair in own["pairs"]])
         steps = np.unique(apart)
-        means = [gain[apart == step].mean() for step in steps]
-        style = {"color": COLOURS[number], "marker": MARKERS[number]}
-        left.plot(steps, means, label=f"{count} of a kind", **style)
+        mean = [gain[apart == step].mean() for step in steps]
+        left.plot(steps, mean, label=f"{count} of a kind", **line_style(number))
     left.axhline(0.0, color="0.8", zorder=0)
-    left.set(xlabel="difference of polar angles [°]", ylabel="mean PSNR gain over 5.3 [dB]")
-    for number, (samples, plan) in enumerate(summary["whole"].items()):
-        former, along = (
-            [row[key] for row in plan["rows"]] for key in ("former", "along_highlights")
-        )
-        style = {"color": COLOURS[number], "marker": MARKERS[number], "linestyle": ""}
-        right.plot(former, along, label=f"{int(samples):,} samples", **style)
-    right.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0)
-    right.set(
-        xscale="log", yscale="log", xlabel="MRE of D.1 [%]", ylabel="MRE along highlights [%]"
+    finish_panel(
+        left, xlabel="difference of polar angles [°]", ylabel="mean PSNR gain over 5.3 [dB]"
     )
-    for panel in (left, right):
-        panel.legend(frameon=False)
+    for number, (samples, plan) in enumerate(summary["whole"].items()):
+        x, y = ([row[key] for row in plan["rows"]] for key in ("former", "along_highlights"))
+        right.plot(x, y, label=f"{int(samples):,} samples", linestyle="", **line_style(number))
+    right.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0)
+    names = {"xlabel": "MRE of D.1 [%]", "ylabel": "MRE along highlights [%]"}
+    finish_panel(right, xscale="log", yscale="log", **names)
     finish_figure(figure, folder / "along_highlights.png")
     return [folder / "along_highlights.png"]
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.tables import record_table
+from simrig.core.tables import named_rows, record_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.mesostructure import PRESETS as MATERIALS
@@ -167,9 +167,7 @@ def table(summary: Mapping[str, Any]) -> Any:
         "left out: error / m": "{left_out_error_m:.2f}",
     }
     title = "fitted to the published distances of the groups, E = k_1 + k_2·S·F"
-    fits = record_table(
-        title, columns, ({"feature": name, **fit} for name, fit in summary["fits"].items())
-    )
+    fits = record_table(title, columns, named_rows(summary["fits"], "feature"))
     return Group(groups, found, fits, "flip stands where the thesis has VDP2")
 
 

@@ -31,12 +31,13 @@ from simrig.evaluation.ablation.run import effect_rows, plan_row, planned_render
 from simrig.evaluation.benchmarks import planned
 from simrig.evaluation.metrics.replicates import Change
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import distinct, grouped, where
 from simrig.files.load import load_material
 from simrig.planning import plan_scene, planned_render
 from simrig.plugins import make_bsdf
 from simrig.rendering.render import RenderResult
 from simrig.scenes import build_scene
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
+from simrig.viewing.plots import dot_style, drawn_panel
 
 # scene: options that keep it small; an environment of fewer lights is no easier to plan
 SCENE_OPTIONS: dict[str, dict[str, Any]] = {
@@ -111,15 +112,15 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the rows by their kind, and what they say together."""
-    kinds: dict[str, list[dict[str, Any]]] = {"render": [], "check": [], "timing": []}
-    for row in rows:
-        kinds[row["kind"]].append({k: v for k, v in row.items() if k not in ("kind", "part")})
-    return {
-        "rows": kinds["render"],
-        "checks": kinds["check"],
-        "direct": kinds["timing"],
-        "summary": _summary(kinds["render"], kinds["check"]),
-    }
+    renders, checks, direct = (
+        [
+            {k: v for k, v in row.items() if k not in ("kind", "part")}
+            for row in where(rows, kind=kind)
+        ]
+        for kind in ("render", "check", "timing")
+    )
+    summary = _summary(renders, checks)
+    return {"rows": renders, "checks": checks, "direct": direct, "summary": summary}
 
 
 def _builder(scene: str, material: str, resolution: int) -> Callable[[], dict[str, Any]]:
@@ -232,64 +233,46 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as a table for the terminal."""
     from rich.console import Group
 
-    values = list(dict.fromkeys(row["tolerance"] for row in summary["rows"]))
+    values = distinct(summary["rows"], "tolerance")
     columns = ["scene", "material", "reference ±ΔE", *(f"tolerance {v:g}" for v in values)]
     rows = []
-    for scene, material in dict.fromkeys((r["scene"], r["material"]) for r in summary["rows"]):
-        cell = [r for r in summary["rows"] if (r["scene"], r["material"]) == (scene, material)]
+    for (scene, material), cell in grouped(summary["rows"], "scene", "material").items():
         planning = max(row["planning_seconds"] for row in cell)
         known = f"{max(row['reference_error'] for row in cell):.3f}"
         rows.append((scene, material, known, *map(_text, cell), f"{planning:.2f}"))
     title = "planned renders: ΔE (spp, time saved); ! missed, ? reference too noisy"
     shown = text_table(title, [*columns, "planning [s]"], rows, left=(0, 1))
-    lines = [
-        f"direct light only, {one['scene']}: planned {one['seconds']:.4f} s, written by hand "
-        f"{one['minimal_seconds']:.4f} s, ratio {one['ratio']:.2f}"
-        for one in summary["direct"]
-    ]
-    return Group(shown, *lines, _said(summary["summary"]))
+    direct = (
+        "direct light only, {scene}: planned {seconds:.4f} s, written by hand "
+        "{minimal_seconds:.4f} s, ratio {ratio:.2f}"
+    )
+    said = (
+        "{met} of {cases} renders meet their tolerance, {missed} miss it; "
+        "{violations} of {checks} bounds are violated; rendering took {seconds:.1f} s planned and "
+        "{everything_seconds:.1f} s with everything ({time_saved:.0%} saved); "
+        "planning {planning_median_s:.2f} s in the median, {planning_max_s:.2f} s at most, "
+        "below 0.2 s or 5 % of its render in {planning_cheap} of {cases} cases"
+    )
+    lines = [direct.format_map(one) for one in summary["direct"]]
+    return Group(shown, *lines, said.format_map(summary["summary"]))
 
 
-def _text(row: dict[str, Any]) -> str:
+def _text(row: Row) -> str:
     missed = {True: "", False: " !", None: " ?"}[row["met"]]
     return f"{row['delta_e_corrected']:.3f} ({row['spp']}, {row['time_saved']:.0%}){missed}"
 
 
-def _said(summary: dict[str, Any]) -> str:
-    return (
-        f"{summary['met']} of {summary['cases']} renders meet their tolerance, "
-        f"{summary['missed']} miss it; "
-        f"{summary['violations']} of {summary['checks']} bounds are violated; "
-        f"rendering took {summary['seconds']:.1f} s planned and "
-        f"{summary['everything_seconds']:.1f} s with everything ({summary['time_saved']:.0%} "
-        f"saved); planning {summary['planning_median_s']:.2f} s in the median, "
-        f"{summary['planning_max_s']:.2f} s at most, below 0.2 s or 5 % of its render in "
-        f"{summary['planning_cheap']} of {summary['cases']} cases"
-    )
-
-
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw what the planned renders miss over what they may miss."""
-    figure = new_figure(5.6, 4.6)
-    panel = figure.subplots()
-    for number, scene in enumerate(dict.fromkeys(row["scene"] for row in summary["rows"])):
-        own = [row for row in summary["rows"] if row["scene"] == scene]
-        panel.plot(
-            [row["tolerance"] * 1.04 ** (number - 3) for row in own],  # side by side
-            [max(row["delta_e_corrected"], 1e-3) for row in own],
-            linestyle="",
-            color=COLOURS[number % len(COLOURS)],
-            marker=MARKERS[number % len(MARKERS)],
-            markerfacecolor="white",
-            label=scene.replace("_", " "),
-        )
-    panel.axline((1.0, 1.0), slope=1.0, color="0.7", zorder=0, label="tolerance")
-    panel.set(xscale="log", yscale="log", xlabel="tolerance [mean ΔE]", ylabel="reached [mean ΔE]")
-    for scale in (panel.xaxis, panel.yaxis):
-        plain_ticks(scale)
-    figure.legend(loc="outside right center", frameon=False)
-    finish_figure(figure, folder / "plan_validation.png")
-    return [folder / "plan_validation.png"]
+    path, legend = folder / "plan_validation.png", {"loc": "outside right center"}
+    axes = {"xlabel": "tolerance [mean ΔE]", "ylabel": "reached [mean ΔE]"}
+    with drawn_panel(path, 5.6, 4.6, legend=legend, xscale="log", yscale="log", **axes) as panel:
+        for number, ((scene,), own) in enumerate(grouped(summary["rows"], "scene").items()):
+            tolerances = [row["tolerance"] * 1.04 ** (number - 3) for row in own]  # side by side
+            reached = [max(row["delta_e_corrected"], 1e-3) for row in own]
+            panel.plot(tolerances, reached, label=scene.replace("_", " "), **dot_style(number))
+        panel.axline((1.0, 1.0), slope=1.0, color="0.7", zorder=0, label="tolerance")
+    return [path]
 
 
 _ABOUT = "Validation of the planner: planned renders against converged ones with every effect."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from string import Formatter
 from typing import Any
 
 # what a column shows of a row: a format such as "{seconds:.2f} s", or a function of the row
@@ -68,6 +69,21 @@ def record_table(
     """
     made = ([shown(column, row) for column in columns.values()] for row in rows)
     return text_table(title, list(columns), made, **settings)
+
+
+def named_rows(rows: Mapping[str, Mapping[str, Any]], key: str) -> list[dict[str, Any]]:
+    """Return rows that are kept by name, each with its name under a key."""
+    return [{key: name, **row} for name, row in rows.items()]
+
+
+def known(column: str) -> Column:
+    """Return a column that shows a dash where one of its values is None."""
+
+    def shown_if_known(row: Mapping[str, Any]) -> str:
+        names = [name for _, name, _, _ in Formatter().parse(column) if name]
+        return "–" if any(row.get(name) is None for name in names) else column.format_map(row)
+
+    return shown_if_known
 
 
 def shown(column: Column, row: Mapping[str, Any]) -> Any:

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simrig.core.tables import text_table
+from simrig.core.tables import Column, record_table, text_table
 from simrig.evaluation.studies.engine.base import Row
 from simrig.evaluation.studies.engine.pictures import PICTURE, draw_sheet
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
+from simrig.evaluation.studies.engine.rows import distinct, grouped, where
+from simrig.viewing.plots import drawn_panel, line_style
 
 _STRUCTURE, _DIFFERENCE = "structure", "difference"
 
@@ -37,30 +38,26 @@ def table(summary: Mapping[str, Any]) -> Any:
         )
         for mean in summary["means"]
     )
-    far = (
-        (
-            row["material"],
-            _angles(row),
-            f"{100 * row['btf_off']:+.4f} %",
-            f"{100 * row['perspective_off']:+.3f} %",
-            f"{100 * row['structure_off']:+.2f} ± {100 * row['standard_error']:.2f} %",
-            f"{row['structure_off_errors']:+.1f}",
-        )
-        for row in summary["far"]
-    )
-    speed = (
-        (
-            row["material"],
-            row["form"],
-            row["integrator"],
-            f"{row['samples_per_second'] / 1e6:.2f}",
-            f"{row['times_structure']:.2f}",
-            f"{row['kernel_seconds']:.3f}",
-            f"{row['first_seconds']:.2f}",
-            f"{row['bytes'] / 2**20:.2f}",
-        )
-        for row in summary["speed"]
-    )
+    far: dict[str, Column] = {
+        "material": "{material}",
+        "θ_i/θ_v/φ_i/φ_v": _angles,
+        "BTF off": lambda row: f"{100 * row['btf_off']:+.4f} %",
+        "perspective": lambda row: f"{100 * row['perspective_off']:+.3f} %",
+        "structure off": lambda row: (
+            f"{100 * row['structure_off']:+.2f} ± {100 * row['standard_error']:.2f} %"
+        ),
+        "errors": "{structure_off_errors:+.1f}",
+    }
+    speed: dict[str, Column] = {
+        "material": "{material}",
+        "form": "{form}",
+        "light": "{integrator}",
+        "M/s": lambda row: f"{row['samples_per_second'] / 1e6:.2f}",
+        "÷ structure": "{times_structure:.2f}",
+        "kernels [s]": "{kernel_seconds:.3f}",
+        "first [s]": "{first_seconds:.2f}",
+        "MiB": lambda row: f"{row['bytes'] / 2**20:.2f}",
+    }
     sight = ("material", "θ_i/θ_v/φ_i/φ_v")
     return Group(
         text_table(
@@ -69,43 +66,33 @@ def table(summary: Mapping[str, Any]) -> Any:
             sights,
             below=means,
         ),
-        text_table(
-            "Far field: mean radiance over one period, ABRDF · cos θ_i = 1",
-            (*sight, "BTF off", "perspective", "structure off", "errors"),
-            far,
+        record_table(
+            "Far field: mean radiance over one period, ABRDF · cos θ_i = 1", far, summary["far"]
         ),
-        text_table(
-            "Speed, same picture, by the time of the kernels",
-            ("material", "form", "light", "M/s", "÷ structure", "kernels [s]", "first [s]", "MiB"),
-            speed,
-        ),
+        record_table("Speed, same picture, by the time of the kernels", speed, summary["speed"]),
     )
 
 
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw structure, BTFs and their difference side by side, and the errors over distance."""
-    pictures = [row for row in rows if row["kind"] == PICTURE]
+    pictures = where(rows, kind=PICTURE)
     files = []
-    for material in dict.fromkeys(row["material"] for row in pictures):
-        own = [row for row in pictures if row["material"] == material]
-        for name, kind in (("angles", "angle"), ("distances", "distance")):
-            lines: dict[str, list[tuple[str, Row]]] = {}
-            for row in own:
-                if row["picture"].startswith(kind):
-                    lines.setdefault(row["picture"], []).append((_caption(row), row))
-            path = folder / f"{material}_{name}.png"
+    for (material,), own in grouped(pictures, "material").items():
+        for kind in ("angle", "distance"):
+            sights = grouped((r for r in own if r["picture"].startswith(kind)), "picture")
+            lines = [[(_caption(row), row) for row in sight] for sight in sights.values()]
+            path = folder / f"{material}_{kind}s.png"
             if lines:
-                files.append(draw_sheet(path, list(lines.values()), 2.2, material))
+                files.append(draw_sheet(path, lines, 2.2, material))
     return [*files, _beside(pictures, folder / "beside.png"), _over_distance(summary, folder)]
 
 
 def _beside(pictures: Sequence[Row], path: Path) -> Path:
     """Draw structure, full BTF and difference of every material, between measured pairs."""
     lines = []
-    for material in dict.fromkeys(row["material"] for row in pictures):
-        own = [row for row in pictures if row["material"] == material and not row["measured"]]
-        own = own or [row for row in pictures if row["material"] == material]
-        first = {row["form"]: row for row in own if row["picture"] == own[0]["picture"]}
+    for (material,), every in grouped(pictures, "material").items():
+        own = where(every, measured=False) or every
+        first = {row["form"]: row for row in where(own, picture=own[0]["picture"])}
         full = first["full"]
         captions = {
             _STRUCTURE: f"{material}\nstructure, {_angles(full)}°",
@@ -118,31 +105,24 @@ def _beside(pictures: Sequence[Row], path: Path) -> Path:
 
 def _over_distance(summary: Mapping[str, Any], folder: Path) -> Path:
     path = folder / "distance.png"
-    figure = new_figure(5.6, 3.8)
-    panel = figure.subplots()
-    for number, material in enumerate(dict.fromkeys(r["material"] for r in summary["distance"])):
-        own = [r for r in summary["distance"] if (r["material"], r["form"]) == (material, "full")]
-        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-        place = [row["distance_m"] for row in own]
-        panel.plot(place, [r["delta_e"] for r in own], color=colour, marker=marker, label=material)
-        panel.plot(place, [r["noise_delta_e"] for r in own], color=colour, linestyle=":")
-    panel.set_xscale("log")
-    plain_ticks(panel.xaxis)
-    panel.set_xlabel("distance [m]")
-    panel.set_ylabel("ΔE of the full form; dotted: noise of the structure")
-    panel.set_ylim(bottom=0.0)
-    panel.legend(frameon=False, fontsize=7)
-    finish_figure(figure, path)
+    label = "ΔE of the full form; dotted: noise of the structure"
+    axes = {"xscale": "log", "xlabel": "distance [m]", "ylabel": label}
+    with drawn_panel(path, 5.6, 3.8, legend={"fontsize": 7}, **axes) as panel:
+        for number, material in enumerate(distinct(summary["distance"], "material")):
+            own = where(summary["distance"], material=material, form="full")
+            style, keys = line_style(number), ("distance_m", "delta_e", "noise_delta_e")
+            place, delta_e, noise = ([row[key] for row in own] for key in keys)
+            panel.plot(place, delta_e, label=material, **style)
+            panel.plot(place, noise, color=style["color"], linestyle=":")
+        panel.set_ylim(bottom=0.0)
     return path
 
 
 def _by_sight(rows: Sequence[Row]) -> list[dict[str, Row]]:
     """Return the forms of each material and sight, by the form."""
-    found: dict[tuple, dict[str, Row]] = {}
-    for row in rows:
-        key = (row["material"], *row["angles_deg"], row["distance_m"])
-        found.setdefault(key, {})[row["form"]] = row
-    return list(found.values())
+    keyed = ({**row, "sight": tuple(row["angles_deg"])} for row in rows)
+    sights = grouped(keyed, "material", "sight", "distance_m").values()
+    return [{row["form"]: row for row in own} for own in sights]
 
 
 def _angles(row: Row) -> str:

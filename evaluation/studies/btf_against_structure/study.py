@@ -31,11 +31,12 @@ from simrig.btf.stack import BtfStack
 from simrig.core import backend
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.benchmarks.timing import side_by_side
-from simrig.evaluation.metrics.images import delta_e_map, mse, psnr_from_mse, ssim_map, ssim_mean
+from simrig.evaluation.metrics.images import delta_e_map, image_errors
 from simrig.evaluation.studies.btf_against_structure.far import far_rows, rings_of
 from simrig.evaluation.studies.btf_against_structure.shown import plots, table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.engine.pictures import picture_row
+from simrig.evaluation.studies.engine.rows import means, where
 from simrig.files.images import to_srgb8
 from simrig.mesostructure import build_tile
 from simrig.mesostructure.tile import Tile
@@ -183,14 +184,10 @@ def _compared(
     rows: list[dict[str, Any]] = [
         {**picture_row(label, to_srgb8(reference, exposure)), "form": STRUCTURE, **about}
     ]
-    everywhere = np.ones(reference.shape[:2], dtype=bool)
     for form, btf in forms.items():
         found = picture(btf_scene(tile, btf, sight), camera, 2, spp, 3)
-        errors = {
-            "delta_e": float(delta_e_map(reference, found, exposure).mean()),
-            "psnr": psnr_from_mse(mse(reference, found, exposure=exposure)),
-            "ssim": ssim_mean(ssim_map(reference, found, exposure), everywhere),
-        }
+        errors = image_errors(reference, found, exposure)
+        errors = {name: errors[name] for name in ERRORS}
         rows.append({"kind": kind, "form": form, **about, **errors})
         shown = to_srgb8(found, exposure)
         rows.append({**picture_row(label, shown), "form": form, **about, **errors})
@@ -254,17 +251,16 @@ def _job(scene: Any, camera: Any, depth: int, spp: int) -> Callable[[], None]:
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the rows by kind, and the means over materials."""
     found: dict[str, Any] = {
-        kind: [dict(row) for row in rows if row["kind"] == kind]
+        kind: list(map(dict, where(rows, kind=kind)))
         for kind in ("angle", "distance", "far", "speed")
     }
-    means = []
-    for form in ("full", "factored"):
-        for measured in (True, False):
-            own = [r for r in found["angle"] if (r["form"], r["measured"]) == (form, measured)]
-            if own:
-                errors = {name: float(np.mean([row[name] for row in own])) for name in ERRORS}
-                means.append({"form": form, "measured": measured, **errors})
-    return {**found, "means": means, "tolerance": config["tolerance"]}
+    each = [
+        {"form": form, "measured": measured, **means(own, ERRORS)}
+        for form in ("full", "factored")
+        for measured in (True, False)
+        if (own := where(found["angle"], form=form, measured=measured))
+    ]
+    return {**found, "means": each, "tolerance": config["tolerance"]}
 
 
 _ABOUT = "A measured BTF beside its true structure: between angles, over distance, in speed."

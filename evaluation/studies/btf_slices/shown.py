@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from simrig.core.tables import text_table
+from simrig.core.tables import Column, record_table, text_table
 from simrig.evaluation.studies.engine.base import Config, Row
 from simrig.evaluation.studies.engine.pictures import PICTURE, draw_sheet
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure
+from simrig.evaluation.studies.engine.rows import distinct, means, where
+from simrig.viewing.plots import COLOURS, MARKERS, drawn_panel
 
 ALL = "all"  # the method that measures every image
 ERRORS = {"delta_e": "ΔE", "psnr": "PSNR [dB]", "ssim": "SSIM"}
@@ -26,16 +25,16 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     from scipy.stats import spearmanr
 
     found = sorted(
-        (dict(row) for row in rows if row["kind"] == "errors"),
+        map(dict, where(rows, kind="errors")),
         key=lambda row: (row["depth_over_element"], row["method"]),
     )
     errors = [row for row in found if row["method"] != ALL]
     costs, trends = {}, {}
     images = tuple(f"images_{name}" for name in ERRORS)
     for method in (ALL, *config["methods"]):
-        own = [row for row in found if row["method"] == method]
+        own = where(found, method=method)
         names = (*_COSTS, *images, *(() if method == ALL else (*ERRORS, "reconstruction_seconds")))
-        costs[method] = {name: float(np.mean([row[name] for row in own])) for name in names}
+        costs[method] = means(own, names)
         if method == ALL:
             continue
         depth = [row["depth_over_element"] for row in own]
@@ -44,13 +43,12 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
             float(spearmanr(depth, [row["psnr"] for row in own]).statistic) if enough else None
         )
     psnr = {
-        name: float(np.mean([row["psnr"] for row in errors if row["material"] == name]))
-        for name in config["materials"]
+        name: means(where(errors, material=name), ["psnr"])["psnr"] for name in config["materials"]
     }
     return {
         "rows": errors,
         "costs": costs,
-        "exact": [dict(row) for row in rows if row["kind"] == "exact"],
+        "exact": list(map(dict, where(rows, kind="exact"))),
         "psnr_by_depth_rank_correlation": trends,
         "worst_first": sorted(psnr, key=lambda name: psnr[name]),
         "published": {"close": list(CLOSE), "failed": list(FAILED), "numbers": None},
@@ -79,12 +77,15 @@ def table(summary: Mapping[str, Any]) -> Any:
 
 
 def _error_table(summary: Mapping[str, Any]) -> Any:
-    rows = []
-    for row in summary["rows"]:
-        depth = f"{row['depth_over_element']:.2f}"
-        rows.append([row["material"], depth, row["method"], *_both(row)])
-    columns = ["material", "depth ÷ element", "method", "rendered", "single images"]
-    return text_table("BTFs from 168 images: " + " / ".join(ERRORS.values()), columns, rows)
+    columns: dict[str, Column] = {
+        "material": "{material}",
+        "depth ÷ element": "{depth_over_element:.2f}",
+        "method": "{method}",
+        "rendered": _three,
+        "single images": lambda row: _three(row, "images_"),
+    }
+    title = "BTFs from 168 images: " + " / ".join(ERRORS.values())
+    return record_table(title, columns, summary["rows"])
 
 
 def _cost_table(summary: Mapping[str, Any]) -> Any:
@@ -96,33 +97,30 @@ def _cost_table(summary: Mapping[str, Any]) -> Any:
             rows.append(["all images", *cost, "–", "–", _three(row, "images_")])
         else:
             seconds = f"{row['reconstruction_seconds']:.1f}"
-            rows.append([method, *cost, seconds, *_both(row)])
+            rows.append([method, *cost, seconds, _three(row), _three(row, "images_")])
     columns = ["", "images", "hardware", "measured [MiB]", "renders [MiB]", "processor [s]"]
     title = "What each costs, means over the materials: " + " / ".join(ERRORS.values())
     return text_table(title, [*columns, "rendered", "single images"], rows)
 
 
 def _exact_table(exact: Sequence[Mapping[str, Any]]) -> Any:
-    rows = []
-    for row in exact:
-        solver, batch = row["solver_seconds"], row["batch_seconds"]
-        shares = [
-            f"{100.0 * row[f'{name}_off_{which}']:.2f}"
-            for name in ("bd", "b")
-            for which in ("mean", "largest")
-        ]
-        times = [f"{1e3 * solver:.0f}", f"{1e3 * batch:.1f}", f"{solver / batch:.0f}×"]
-        rows.append([row["material"], *shares, *times])
-    columns = ["material", "off, mean [%]", "largest [% of peak]", "B off, mean", "B largest"]
-    columns += ["solver [ms]", "at once [ms]", "faster"]
-    return text_table("Method BD at once beside one solver per line, per texel", columns, rows)
+    def share(key: str) -> Column:
+        return lambda row: f"{100.0 * row[key]:.2f}"
+
+    columns: dict[str, Column] = {
+        "material": "{material}",
+        "off, mean [%]": share("bd_off_mean"),
+        "largest [% of peak]": share("bd_off_largest"),
+        "B off, mean": share("b_off_mean"),
+        "B largest": share("b_off_largest"),
+        "solver [ms]": lambda row: f"{1e3 * row['solver_seconds']:.0f}",
+        "at once [ms]": lambda row: f"{1e3 * row['batch_seconds']:.1f}",
+        "faster": lambda row: f"{row['solver_seconds'] / row['batch_seconds']:.0f}×",
+    }
+    return record_table("Method BD at once beside one solver per line, per texel", columns, exact)
 
 
-def _both(row: Mapping[str, Any]) -> list[str]:
-    return [_three(row, ""), _three(row, "images_")]
-
-
-def _three(row: Mapping[str, Any], prefix: str) -> str:
+def _three(row: Mapping[str, Any], prefix: str = "") -> str:
     delta_e, psnr, ssim = (row[prefix + name] for name in ERRORS)
     return f"{delta_e:.1f} / {psnr:.1f} / {ssim:.2f}"
 
@@ -145,7 +143,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             found.append((f"{method}{numbers}", pictures[name, method + part]))
         return found
 
-    materials = list(dict.fromkeys(row["material"] for row in summary["rows"]))
+    materials = distinct(summary["rows"], "material")
     worst, best = summary["worst_first"][:_WORST], summary["worst_first"][-1]
     extremes = list(dict.fromkeys([best, worst[0]]))
     sheets = {
@@ -168,19 +166,16 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 
 def _draw_depth(summary: Mapping[str, Any], path: Path) -> None:
-    figure = new_figure(5.6, 4.0)
-    panel = figure.subplots()
-    trends = summary["psnr_by_depth_rank_correlation"]
-    for number, method in enumerate(trends):
-        own = [row for row in summary["rows"] if row["method"] == method]
-        depth, psnr = ([row[name] for row in own] for name in ("depth_over_element", "psnr"))
-        panel.plot(depth, psnr, MARKERS[number], color=COLOURS[number], label=method)
-        if number == 0:
-            for row in own:
-                place = (row["depth_over_element"], row["psnr"])
-                panel.annotate(row["material"], place, fontsize=6, rotation=20)
-    panel.margins(x=0.18)  # for the names
-    panel.set_xlabel("depth of the structure ÷ size of its largest element")
-    panel.set_ylabel("PSNR of the rendering [dB]  (higher is better)")
-    panel.legend(frameon=False)
-    finish_figure(figure, path)
+    axes = {
+        "xlabel": "depth of the structure ÷ size of its largest element",
+        "ylabel": "PSNR of the rendering [dB]  (higher is better)",
+    }
+    with drawn_panel(path, 5.6, 4.0, **axes) as panel:
+        for number, method in enumerate(summary["psnr_by_depth_rank_correlation"]):
+            own = where(summary["rows"], method=method)
+            depth, psnr = ([row[name] for row in own] for name in ("depth_over_element", "psnr"))
+            panel.plot(depth, psnr, MARKERS[number], color=COLOURS[number], label=method)
+            if number == 0:
+                for row, *place in zip(own, depth, psnr, strict=True):
+                    panel.annotate(row["material"], place, fontsize=6, rotation=20)
+        panel.margins(x=0.18)  # for the names

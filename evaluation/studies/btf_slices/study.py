@@ -33,18 +33,11 @@ from simrig.btf.stack import BtfStack
 from simrig.core import backend
 from simrig.directions.schemes import HemisphereScheme, Ring, hemisphere_81
 from simrig.directions.spherical import to_vector
-from simrig.evaluation.metrics.images import (
-    delta_e_map,
-    difference_image,
-    foreground_mask,
-    mse,
-    psnr_from_mse,
-    ssim_map,
-    ssim_mean,
-)
+from simrig.evaluation.metrics.images import difference_image, foreground_mask, image_errors
 from simrig.evaluation.studies.btf_slices.shown import ALL, ERRORS, plots, summarise, table
 from simrig.evaluation.studies.engine.base import Cell, Config, Study
 from simrig.evaluation.studies.engine.pictures import picture_row
+from simrig.evaluation.studies.engine.rows import means
 from simrig.files.images import to_srgb8
 from simrig.mesostructure import build_tile
 from simrig.plans.gantry import GantryPlan
@@ -63,18 +56,17 @@ _CIRCUMFERENCE = 2.0 * np.pi * CYLINDER_RADIUS
 _PLAN = GantryPlan()
 _ENLARGED = 3  # of texels in pictures
 
+_COMMON = {"methods": ["gantry-a", "gantry-b", "gantry-bd"], "bounces": 2, "exact_texels": 2}
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         "materials": ["satin_ivory", "corduroy_brown"],
-        "methods": ["gantry-a", "gantry-b", "gantry-bd"],
+        **_COMMON,
         "rings": [[0.0, 1], [30.0, 5], [55.0, 6], [75.0, 6]],
         "texels": 24,
         "spp": 4,
-        "bounces": 2,
         "picture": 96,
         "images": [6, 6],  # views, and lights of each
         "seen_deg": [55.0, 55.0, 60.0, 240.0],
-        "exact_texels": 2,
     },
     "full": {  # one or two of each group of section B.1, and sandpaper
         "materials": [
@@ -89,15 +81,13 @@ PRESETS: dict[str, dict[str, Any]] = {
             "wood_walnut",
             "sandpaper_p60",
         ],
-        "methods": ["gantry-a", "gantry-b", "gantry-bd"],
+        **_COMMON,
         "rings": None,  # 81 × 81
         "texels": 32,
         "spp": 8,
-        "bounces": 2,
         "picture": 128,
         "images": [10, 10],
         "seen_deg": [60.0, 45.0, 90.0, 220.0],
-        "exact_texels": 2,
     },
 }
 
@@ -218,14 +208,10 @@ def _enlarged(texels: np.ndarray, exposure: float) -> np.ndarray:
 
 
 def _errors(
-    reference: np.ndarray, found: np.ndarray, exposure: float, mask: np.ndarray
+    reference: np.ndarray, found: np.ndarray, exposure: float, mask: np.ndarray | None = None
 ) -> dict[str, float]:
-    similarity = ssim_map(reference, found, exposure)
-    return {
-        "delta_e": float(delta_e_map(reference, found, exposure)[mask].mean()),
-        "psnr": psnr_from_mse(mse(reference, found, mask, exposure)),
-        "ssim": ssim_mean(similarity, mask),
-    }
+    errors = image_errors(reference, found, exposure, mask)
+    return {name: errors[name] for name in ERRORS}
 
 
 def _drawn(pairs: int, views: int, lights: int) -> np.ndarray:
@@ -243,9 +229,8 @@ def _image_errors(
     for number, its_number in zip(own.tolist(), its.tolist(), strict=True):
         first, second = _lit(truth, number), _lit(other, its_number)
         if first.any():
-            whole = np.ones(first.shape[:2], dtype=bool)
-            found.append(_errors(first, second, display_exposure(first), whole))
-    return {f"images_{name}": float(np.mean([one[name] for one in found])) for name in ERRORS}
+            found.append(_errors(first, second, display_exposure(first)))
+    return {f"images_{name}": mean for name, mean in means(found, ERRORS).items()}
 
 
 def _beside_exact(

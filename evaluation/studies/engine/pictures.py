@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from simrig.evaluation.studies.engine.base import Row
+from simrig.evaluation.studies.engine.rows import where
+from simrig.files.atomic import atomic_write
 from simrig.viewing.plots import finish_figure, new_figure
 
 PICTURE = "picture"  # the ``kind`` of such a row
@@ -36,6 +38,16 @@ def picture_of(row: Row) -> np.ndarray:
     from matplotlib import image as images
 
     return np.asarray(images.imread(io.BytesIO(base64.b64decode(row["png"])))[..., :3])
+
+
+def write_pictures(rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Write every picture among rows as a PNG with its name, and return the files."""
+    paths = []
+    for row in where(rows, kind=PICTURE):
+        paths.append(folder / f"{row['picture']}.png")
+        with atomic_write(paths[-1]) as temporary:
+            temporary.write_bytes(base64.b64decode(row["png"]))
+    return paths
 
 
 def draw_sheet(

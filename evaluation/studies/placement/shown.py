@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from simrig.core.tables import text_table
+from simrig.core.tables import Column, record_table, text_table
 from simrig.evaluation.studies.engine.base import Row
 from simrig.plans.placement import TABLE_5_1
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
+from simrig.viewing.plots import COLOURS, dot_style, finish_figure, finish_panel, new_figure
 
 _PANELS = {
     "theta_step_deg": ("e_s", "a_s", "azimuth_step_deg"),
@@ -29,37 +28,32 @@ def table(summary: Mapping[str, Any]) -> Any:
     for about, found in summary["sets"].items():
         parts += [_optimal_table(about, found), _beside_table(about, found)]
         parts.append(_stability_table(about, found))
-    cost = summary["cost"]
-    parts.append(
-        f"{cost['reconstructions']:,} reconstructions, {cost['seconds_each']:.3f} s each: sampling "
-        f"{cost['sampling_seconds']:.0f} s, reconstruction {cost['reconstruction_seconds']:.0f} s, "
-        f"errors {cost['error_seconds']:.0f} s; the least certain error has a standard error of "
-        f"{cost['largest_relative_standard_error']:.1%} of it"
+    cost = (
+        "{reconstructions:,} reconstructions, {seconds_each:.3f} s each: sampling "
+        "{sampling_seconds:.0f} s, reconstruction {reconstruction_seconds:.0f} s, "
+        "errors {error_seconds:.0f} s; the least certain error has a standard error of "
+        "{largest_relative_standard_error:.1%} of it"
     )
-    return Group(*parts)
+    return Group(*parts, cost.format_map(summary["cost"]))
 
 
 def _optimal_table(about: str, found: Mapping[str, Any]) -> Any:
-    return text_table(
-        f"Table 5.1 from our own study, materials {about}",
-        ("n from", "n ≤", "e_s / a_s"),
-        ((f"{row['from']:,}", f"{row['up_to']:,}", _name(row)) for row in found["table_5_1"]),
-        left=(),
-    )
+    columns: dict[str, Column] = {"n from": "{from:,}", "n ≤": "{up_to:,}", "e_s / a_s": _name}
+    title = f"Table 5.1 from our own study, materials {about}"
+    return record_table(title, columns, found["table_5_1"], left=())
 
 
 def _beside_table(about: str, found: Mapping[str, Any]) -> Any:
-    rows = []
-    for row in found["published"]:
-        ours = ", ".join(f"{_name(one)} ({one['share']:.0%})" for one in row["ours"])
-        limit = "∞" if row["up_to"] is None else f"{row['up_to']:,}"
-        rows.append((limit, _name(row), ours, _ratio(row["loss"])))
-    return text_table(
-        f"Table 5.1 as published, and what our study finds there, {about}",
-        ("n ≤", "published", "ours, with its share of the range", "published ÷ ours\n(Eq. 5.3)"),
-        rows,
-        left=(2,),
-    )
+    columns: dict[str, Column] = {
+        "n ≤": lambda row: "∞" if row["up_to"] is None else f"{row['up_to']:,}",
+        "published": _name,
+        "ours, with its share of the range": lambda row: ", ".join(
+            f"{_name(one)} ({one['share']:.0%})" for one in row["ours"]
+        ),
+        "published ÷ ours\n(Eq. 5.3)": lambda row: _ratio(row["loss"]),
+    }
+    title = f"Table 5.1 as published, and what our study finds there, {about}"
+    return record_table(title, columns, found["published"], left=(2,))
 
 
 def _stability_table(about: str, found: Mapping[str, Any]) -> Any:
@@ -128,20 +122,13 @@ def _error_plot(found: Mapping[str, Any], title: str) -> Any:
                 linestyle="--" if number >= len(COLOURS) else "-",
                 label=f"{free} = {curve[free_key]:g}°",
             )
-        _logarithmic(panel)
-        panel.legend(frameon=False)
-        panel.set(title=f"{fixed} = {curves[0][key]:g}°", xlabel="samples n")
+        panel.grid(which="major", color="0.9")
+        panel.spines[["top", "right"]].set_visible(False)
+        title = f"{fixed} = {curves[0][key]:g}°"
+        finish_panel(panel, xscale="log", yscale="log", title=title, xlabel="samples n")
     panels[0].set_ylabel("MRE, mean over the materials [%]")
     figure.suptitle(title)
     return figure
-
-
-def _logarithmic(panel: Axes) -> None:
-    panel.set(xscale="log", yscale="log")
-    panel.grid(which="major", color="0.9")
-    panel.spines[["top", "right"]].set_visible(False)
-    for scale in (panel.xaxis, panel.yaxis):
-        plain_ticks(scale)
 
 
 def _placement_plot(found: Mapping[str, Any], title: str) -> Any:
@@ -159,8 +146,7 @@ def _placement_plot(found: Mapping[str, Any], title: str) -> Any:
             )
     panel.set_yticks(range(len(lines)), [name.replace("_", " ") for name, _ in lines])
     panel.invert_yaxis()
-    panel.set(xscale="log", xlim=found["samples"], xlabel="samples n")
-    plain_ticks(panel.xaxis)
+    finish_panel(panel, xscale="log", xlim=found["samples"], xlabel="samples n")
     handles = [Patch(color=colour[k], label=f"{-k[1]:g}/{-k[0]:g}") for k in names]
     figure.legend(handles=handles, loc="outside right center", frameon=False, title="e_s/a_s")
     figure.suptitle(title)
@@ -198,19 +184,11 @@ def _increase_plot(found: Mapping[str, Any], title: str) -> Any:
     place = np.arange(len(rows))
     series = {"published": "published", "ours": "ours", "table_5_1": "ours, published Table 5.1"}
     for number, (key, label) in enumerate(series.items()):
-        panel.plot(
-            place,
-            [np.nan if row[key] is None else row[key] for row in rows],
-            linestyle="",
-            marker=MARKERS[number],
-            color=COLOURS[number],
-            markerfacecolor="white",
-            label=label,
-        )
+        values = [np.nan if row[key] is None else row[key] for row in rows]
+        panel.plot(place, values, label=label, **dot_style(number))
     names = [row["material"].replace("_", " ") for row in rows]
     panel.set_xticks(place, names, rotation=35, ha="right")
-    panel.set_ylabel("MRE ÷ smallest possible MRE")
     panel.grid(axis="y", color="0.9")
-    panel.legend(frameon=False)
+    finish_panel(panel, ylabel="MRE ÷ smallest possible MRE")
     figure.suptitle(title)
     return figure

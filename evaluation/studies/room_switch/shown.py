@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simrig.core.tables import text_table
-from simrig.files.atomic import atomic_write
+from simrig.core.tables import Column, known, named_rows, record_table
+from simrig.evaluation.studies.engine.base import Row
+from simrig.evaluation.studies.engine.pictures import write_pictures
 
 _NAMES = {
     "btf": "BTF only",
@@ -26,74 +25,41 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the forms beside Table 3.4, and the distances of the switch."""
     from rich.console import Group
 
-    columns = ["form", "rendering [s] (range)", "tracing [s]", "first [s]", "÷ BTF", "published"]
-    columns += ["PSNR [dB]", "published", "BRDF pixels", "MiB"]
-    rows = []
-    for form, row in summary["forms"].items():
-        low, high = row["range_seconds"]
-        rows.append(
-            [
-                _NAMES[form],
-                f"{row['seconds']:.3f} ({low:.3f}–{high:.3f})",
-                f"{row['tracing_seconds']:.2f}",
-                f"{row['first_seconds']:.2f}",
-                f"{row['faster']:.2f}×",
-                f"{row['published_faster']:.2f}× ({row['published_fps']:g} FPS)"
-                if row["published_fps"]
-                else "–",
-                "–" if row["psnr"] is None else f"{row['psnr']:.1f}",
-                "–" if row["published_psnr"] is None else f"{row['published_psnr']:g}",
-                f"{100.0 * row['far_share']:.0f} %",
-                f"{row['device_bytes'] / 2**20:.1f}",
-            ]
-        )
+    forms: dict[str, Column] = {
+        "form": lambda row: _NAMES[row["form"]],
+        "rendering [s] (range)": "{seconds:.3f} ({range_seconds[0]:.3f}–{range_seconds[1]:.3f})",
+        "tracing [s]": "{tracing_seconds:.2f}",
+        "first [s]": "{first_seconds:.2f}",
+        "÷ BTF": "{faster:.2f}×",
+        "÷ BTF, published": known("{published_faster:.2f}× ({published_fps:g} FPS)"),
+        "PSNR [dB]": known("{psnr:.1f}"),
+        "PSNR, published": known("{published_psnr:g}"),
+        "BRDF pixels": lambda row: f"{100.0 * row['far_share']:.0f} %",
+        "MiB": lambda row: f"{row['device_bytes'] / 2**20:.1f}",
+    }
     title = (
         f"The room, {summary['resolution']} pixels wide, {summary['spp']} spp, "
         f"{summary['variant']}, median of {summary['rounds']}; '÷ BTF' says how many times faster "
         "than BTF only"
     )
-    distances = [
-        [
-            part,
-            one["material"],
-            f"{one['distance_m']:.1f}",
-            f"{one['group_distance_m']:g}",
-            f"{one['planned_distance_m']:.1f}",
-        ]
-        for part, one in summary["parts"].items()
-    ]
-    source = f"switch [m], {summary['distances']}"
     seconds = summary["forms"]["planned"]["planning_seconds"]
-    planned = f"for {summary['tolerance']} [m], planned in {seconds:.1f} s"
+    distances: dict[str, Column] = {
+        "part": "{name}",
+        "material": "{material}",
+        f"switch [m], {summary['distances']}": "{distance_m:.1f}",
+        "group [m]": "{group_distance_m:g}",
+        f"for {summary['tolerance']} [m], planned in {seconds:.1f} s": "{planned_distance_m:.1f}",
+    }
+    about = "From where on the BRDF is shown, and the thesis's distances of the groups"
     return Group(
-        text_table(title, columns, rows),
-        text_table(
-            "From where on the BRDF is shown, and the thesis's distances of the groups",
-            ["part", "material", source, "group [m]", planned],
-            distances,
-        ),
+        record_table(title, forms, named_rows(summary["forms"], "form")),
+        record_table(about, distances, named_rows(summary["parts"], "name")),
     )
 
 
-def plots(summary: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], folder: Path) -> list:
+def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Write the pictures: the three forms, 30 times their differences, and the range map."""
-    paths = []
-    for row in rows:
-        if row["kind"] == "picture":
-            path = folder / f"{row['name']}.png"
-            with atomic_write(path) as temporary:
-                temporary.write_bytes(base64.b64decode(row["png"]))
-            paths.append(path)
-    return paths
-
-
-def encoded(picture: np.ndarray) -> str:
-    """Return a uint8 picture (height, width, 3) as a PNG in base64."""
-    from matplotlib import image
-
-    buffer = io.BytesIO()
-    image.imsave(buffer, picture, format="png")
-    return base64.b64encode(buffer.getvalue()).decode()
+    return write_pictures(rows, folder)
 
 
 def range_picture(distance_m: np.ndarray) -> np.ndarray:

@@ -39,7 +39,9 @@ from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.evaluation.benchmarks.timing import Timing, one_alive
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
-from simrig.evaluation.studies.room_switch.shown import encoded, plots, range_picture, table
+from simrig.evaluation.studies.engine.pictures import picture_row
+from simrig.evaluation.studies.engine.rows import where
+from simrig.evaluation.studies.room_switch.shown import plots, range_picture, table
 from simrig.rendering.render import display_exposure, load
 from simrig.scenes.room import ROOM_PARTS
 from simrig.viewing.room import (
@@ -60,17 +62,21 @@ PUBLISHED: dict[str, dict[str, Any]] = {  # Table 3.4
     "planned": {"fps": None, "psnr": None},
 }
 _STUDIED = (*FORMS, "planned")
+_KEPT = ("first_seconds", "psnr", "far_share", "device_bytes", "planning_seconds")
 _OF_PARTS = ("material", "distance_m", "group_distance_m", "planned_distance_m")
 DIFFERENCE_SCALE = 30.0  # Fig. 3.18 d
 
+_COMMON: dict[str, Any] = {
+    "materials": dict(ROOM_PARTS),
+    "distances": "predicted",
+    "tolerance": "psnr=58.6",  # of the planned switch
+    "spp": 4,
+    "rounds": 3,
+}
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
-        "materials": dict(ROOM_PARTS),
-        "distances": "predicted",
-        "tolerance": "psnr=58.6",  # of the planned switch
+        **_COMMON,
         "resolution": 480,
-        "spp": 4,
-        "rounds": 3,
         "texels": 16,
         # theta in degrees, directions; the predictor needs lights within 10° of 60°
         "rings": [[0.0, 1], [37.5, 6], [67.5, 6]],
@@ -79,12 +85,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "bounces": 1,
     },
     "full": {
-        "materials": dict(ROOM_PARTS),
-        "distances": "predicted",
-        "tolerance": "psnr=58.6",  # of the planned switch
+        **_COMMON,
         "resolution": 1920,
-        "spp": 4,
-        "rounds": 3,
         "texels": 48,
         "rings": [[0.0, 1], [15.0, 6], [30.0, 12], [45.0, 18], [60.0, 20], [75.0, 24]],
         "texel_spp": 8,
@@ -117,13 +119,8 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
     planned = planned_distances_mm(scene, config["tolerance"])
     planning_seconds = clock()
     switches = {"switched": scene.distances_mm, "planned": planned}
-    share = {
-        "btf": 0.0,
-        "brdf": 1.0,
-        **{
-            name: far_share(distances, config["resolution"]) for name, distances in switches.items()
-        },
-    }
+    share = {"btf": 0.0, "brdf": 1.0}
+    share |= {name: far_share(own, config["resolution"]) for name, own in switches.items()}
     images, timings = _renders(scene, planned, config["rounds"])
     exposure = display_exposure(images["btf"])
     rows = [
@@ -156,15 +153,12 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
         for part, distance in scene.distances_mm.items()
     ]
     pictures = _pictures(images, exposure, config["resolution"])
-    return rows + [
-        {"kind": "picture", "name": name, "png": encoded(picture)}
-        for name, picture in pictures.items()
-    ]
+    return rows + [picture_row(name, picture) for name, picture in pictures.items()]
 
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return ours beside Table 3.4: rates, ratios of time to BTF only, PSNR against BTF only."""
-    forms = {row["form"]: row for row in rows if row["kind"] == "form"}
+    forms = {row["form"]: row for row in where(rows, kind="form")}
     slowest = forms["btf"]["kernel_seconds"]
     return {
         "forms": {
@@ -172,14 +166,10 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
                 "seconds": row["kernel_seconds"],
                 "range_seconds": [row["fastest_kernel_seconds"], row["slowest_kernel_seconds"]],
                 "tracing_seconds": row["picture_seconds"] - row["kernel_seconds"],
-                "first_seconds": row["first_seconds"],
+                **{key: row[key] for key in _KEPT},
                 "fps": 1.0 / row["kernel_seconds"],
                 "faster": slowest / row["kernel_seconds"],
-                "psnr": row["psnr"],
-                "far_share": row["far_share"],
-                "device_bytes": row["device_bytes"],
                 "published_fps": PUBLISHED[form]["fps"],
-                "planning_seconds": row["planning_seconds"],
                 "published_faster": PUBLISHED[form]["fps"]
                 and PUBLISHED[form]["fps"] / PUBLISHED["btf"]["fps"],
                 "published_psnr": PUBLISHED[form]["psnr"],
@@ -187,15 +177,9 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
             for form, row in forms.items()
         },
         "variant": forms["btf"]["variant"],
-        "resolution": config["resolution"],
-        "spp": config["spp"],
-        "rounds": config["rounds"],
-        "distances": config["distances"],
-        "tolerance": config["tolerance"],
+        **{key: config[key] for key in ("resolution", "spp", "rounds", "distances", "tolerance")},
         "parts": {
-            row["part"]: {key: row[key] for key in _OF_PARTS}
-            for row in rows
-            if row["kind"] == "part"
+            row["part"]: {key: row[key] for key in _OF_PARTS} for row in where(rows, kind="part")
         },
     }
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.tables import text_table
+from simrig.core.tables import record_table, text_table
 from simrig.evaluation.studies.engine.base import Row
-from simrig.viewing.plots import COLOURS, MARKERS, finish_figure, new_figure, plain_ticks
+from simrig.viewing.plots import COLOURS, finish_figure, finish_panel, line_style, new_figure
 
 _KINDS = {"barycentric": "barycentric", "rbf": "RBF"}
 _CURVES = {"slices": "adaptive slices", **_KINDS}
@@ -48,13 +48,9 @@ def _set_table(about: str, found: Mapping[str, Any]) -> Any:
 
 
 def _cells(ratio: Mapping[str, Any]) -> list[str]:
-    return [
-        f"{ratio['published']:.2f}×",
-        f"{ratio['ours']:.2f} ± {ratio['standard_error']:.2f}×",
-        f"{ratio['median']:.2f}×",
-        f"{ratio['of_mean_errors']:.2f}×",
-        f"{ratio['slices_better']} of {ratio['schemes']}",
-    ]
+    cells = ("{published:.2f}×", "{ours:.2f} ± {standard_error:.2f}×", "{median:.2f}×")
+    cells += ("{of_mean_errors:.2f}×", "{slices_better} of {schemes}")
+    return [cell.format_map(ratio) for cell in cells]
 
 
 def _curve_table(name: str, curves: Mapping[str, Any]) -> Any:
@@ -68,13 +64,10 @@ def _curve_table(name: str, curves: Mapping[str, Any]) -> Any:
 
 
 def _splines_table(both: Sequence[Mapping[str, Any]]) -> Any:
-    return text_table(
-        "MRE [%] of one spline through all samples, and of local ones",
-        ("material", "samples", "global", "local"),
-        (
-            (row["material"], f"{row['samples']:,}", f"{row['global']:.2f}", f"{row['local']:.2f}")
-            for row in both
-        ),
+    columns = {"material": "{material}", "samples": "{samples:,}"}
+    columns |= {"global": "{global:.2f}", "local": "{local:.2f}"}
+    return record_table(
+        "MRE [%] of one spline through all samples, and of local ones", columns, both
     )
 
 
@@ -94,15 +87,19 @@ def _curve_plot(every: Mapping[str, Any]) -> Any:
     panels = figure.subplots(1, len(every), squeeze=False)[0]
     for panel, (name, curves) in zip(panels, every.items(), strict=True):
         for number, (kind, label) in enumerate(_CURVES.items()):
-            style = {"color": COLOURS[number], "marker": MARKERS[number], "markersize": 4}
-            panel.plot(curves[kind]["samples"], curves[kind]["mre_percent"], label=label, **style)
-        panel.set(xscale="log", yscale="log", xlabel="samples n", title=name.replace("_", " "))
+            x, y = curves[kind]["samples"], curves[kind]["mre_percent"]
+            panel.plot(
+                x,
+                y,
+                label=label if panel is panels[0] else None,
+                markersize=4,
+                **line_style(number),
+            )
         panel.grid(which="major", color="0.9")
         panel.spines[["top", "right"]].set_visible(False)
-        for scale in (panel.xaxis, panel.yaxis):
-            plain_ticks(scale)
+        title = name.replace("_", " ")
+        finish_panel(panel, xscale="log", yscale="log", xlabel="samples n", title=title)
     panels[0].set_ylabel("MRE [%]")
-    panels[0].legend(frameon=False)
     return figure
 
 

@@ -24,7 +24,7 @@ Source: thesis sections 5.5.2 and D.3, Table 5.2, Fig. 5.8.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.rows import means, where
 from simrig.evaluation.studies.material_sets import material_sets
 from simrig.evaluation.studies.table_5_2.shown import plots, table
 from simrig.methods import method
@@ -128,12 +129,20 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
         of samples. ``global_and_local``: both splines where there are both.
     """
     names = list(config["materials"])
-    ratios = {name: _ratios(name, [r for r in rows if r["material"] == name]) for name in names}
+    ratios = {name: _ratios(name, where(rows, material=name)) for name in names}
     sets = {}
     for about, own in material_sets(names).items():
         found = [ratios[name] for name in own]
-        means = {kind: _mean_ratio(found, kind) for kind in PUBLISHED}
-        sets[about] = {"rows": found, "means": means}
+        sets[about] = {
+            "rows": found,
+            "means": {
+                kind: {
+                    **means([row[kind] for row in found], ("published", "ours", "median")),
+                    "published_of_ten": PUBLISHED_MEAN[kind],
+                }
+                for kind in PUBLISHED
+            },
+        }
     return {
         "schemes": list(config["schemes"]),
         "sets": sets,
@@ -172,21 +181,15 @@ def _ratios(material: str, rows: Sequence[Row]) -> dict[str, Any]:
 
 def _by_samples(rows: Sequence[Row], kind: str) -> dict[int, Row]:
     """Return the row of each number of samples; of two splines the global one."""
-    own = [row for row in rows if row["kind"] == kind]
+    own = sorted(where(rows, kind=kind), key=lambda row: row["method"], reverse=True)
     # slices take every number of samples, so all methods of a scheme have the same
-    return {row["samples"]: row for row in sorted(own, key=lambda row: row["method"], reverse=True)}
-
-
-def _mean_ratio(found: Sequence[Mapping[str, Any]], kind: str) -> dict[str, Any]:
-    keys = ("published", "ours", "median")
-    mean = {key: float(np.mean([row[kind][key] for row in found])) for key in keys}
-    return {**mean, "published_of_ten": PUBLISHED_MEAN[kind]}
+    return {row["samples"]: row for row in own}
 
 
 def _curves(rows: Sequence[Row], material: str) -> dict[str, Any]:
     curves = {}
     for kind in ("slices", *PUBLISHED):
-        own = _by_samples([row for row in rows if row["material"] == material], kind)
+        own = _by_samples(where(rows, material=material), kind)
         counts = sorted(own)
         curves[kind] = {"samples": counts, "mre_percent": [own[n]["mre_percent"] for n in counts]}
     return curves
