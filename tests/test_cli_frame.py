@@ -44,7 +44,6 @@ def make_app() -> typer.Typer:
     def group() -> None:
         """A test application."""
 
-    @frame.command(small)
     def act(how: str, count: Annotated[int, typer.Option(min=1)] = 1) -> frame.Report:
         """Do as told."""
         failures = {
@@ -66,6 +65,7 @@ def make_app() -> typer.Typer:
         data = {"count": np.int64(count), "error": np.float32(np.nan), "peak": float("inf")}
         return frame.Report(data, [f"[bold]{how}[/bold]"], exit_code=2 if how == "bad" else 0)
 
+    frame.add_command(small, act)
     return small
 
 

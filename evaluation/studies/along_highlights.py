@@ -257,7 +257,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         x, y = ([row[key] for row in plan["rows"]] for key in ("former", "along_highlights"))
         right.plot(x, y, label=f"{int(samples):,} samples", linestyle="", **line_style(number))
     right.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0)
-    names = {"xlabel": "MRE of D.1 [%]", "ylabel": "MRE along highlights [%]"}
+    names: dict[str, Any] = {"xlabel": "MRE of D.1 [%]", "ylabel": "MRE along highlights [%]"}
     finish_panel(right, xscale="log", yscale="log", **names)
     finish_figure(figure, folder / "along_highlights.png")
     return [folder / "along_highlights.png"]
@@ -265,6 +265,6 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 _ABOUT = "Interpolation along highlights against section 5.3, in subspaces and in 4-D."
 _SOURCE = "thesis section 5.7"
-STUDY = Study(
+STUDY: Study = Study(
     "along-highlights", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

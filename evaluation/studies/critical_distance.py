@@ -185,7 +185,11 @@ def _draw_distances(rows: Sequence[Row], path: Path) -> Path:
             values = [row[f"{name}_m"] for row in ordered]
             panel.bar(places + 0.4 * number - 0.2, values, 0.4, color=COLOURS[number], label=name)
         published = [GROUP_DISTANCES_M[row["group"]] for row in ordered]
-        line = {"color": "black", "linewidth": 2, "label": "published, of the group"}
+        line: dict[str, Any] = {
+            "color": "black",
+            "linewidth": 2,
+            "label": "published, of the group",
+        }
         panel.hlines(published, places - 0.45, places + 0.45, **line)
         panel.set_xticks(places, [row["material"] for row in ordered], rotation=90, fontsize=8)
         panel.spines[["top", "right"]].set_visible(False)
@@ -199,7 +203,10 @@ def draw_sensitivity(path: Path) -> Path:
     """
     distances = np.linspace(*CSF_DISTANCES_MM, 200)
     highest = contrast_sensitivity(np.geomspace(0.05, 60.0, 2000)).max()
-    axes = {"xlabel": "viewing distance [m]", "ylabel": "relative contrast sensitivity"}
+    axes: dict[str, Any] = {
+        "xlabel": "viewing distance [m]",
+        "ylabel": "relative contrast sensitivity",
+    }
     legend = {"title": "structural element"}
     with drawn_panel(path, 5.6, 3.8, legend=legend, ylim=(0, 1.05), **axes) as panel:
         for colour, size in zip(COLOURS, CSF_SIZES_MM, strict=False):
@@ -211,6 +218,6 @@ def draw_sensitivity(path: Path) -> Path:
 
 _ABOUT = "From which distance on structure cannot be seen, predicted for all materials."
 _SOURCE = "thesis section 3.3, Tables 3.1 to 3.3, Figs 3.11 to 3.16"
-STUDY = Study(
+STUDY: Study = Study(
     "critical-distance", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

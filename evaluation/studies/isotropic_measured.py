@@ -126,6 +126,6 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 _ABOUT = "Section 6.3.1: measured isotropic materials from 84 gantry samples."
 _SOURCE = "thesis section 6.3.1"
-STUDY = Study(
+STUDY: Study = Study(
     "isotropic-measured", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

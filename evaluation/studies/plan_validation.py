@@ -265,7 +265,7 @@ def _text(row: Row) -> str:
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw what the planned renders miss over what they may miss."""
     path, legend = folder / "plan_validation.png", {"loc": "outside right center"}
-    axes = {"xlabel": "tolerance [mean ΔE]", "ylabel": "reached [mean ΔE]"}
+    axes: dict[str, Any] = {"xlabel": "tolerance [mean ΔE]", "ylabel": "reached [mean ΔE]"}
     with drawn_panel(path, 5.6, 4.6, legend=legend, xscale="log", yscale="log", **axes) as panel:
         for number, ((scene,), own) in enumerate(grouped(summary["rows"], "scene").items()):
             tolerances = [row["tolerance"] * 1.04 ** (number - 3) for row in own]  # side by side
@@ -277,4 +277,6 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 _ABOUT = "Validation of the planner: planned renders against converged ones with every effect."
 _SOURCE = "none published: the figures are our own"
-STUDY = Study("plan-validation", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
+STUDY: Study = Study(
+    "plan-validation", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
+)

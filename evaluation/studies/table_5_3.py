@@ -148,7 +148,7 @@ def _text(row: Mapping[str, float]) -> str:
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw our errors over the published ones."""
     path = folder / "table_5_3.png"
-    axes = {
+    axes: dict[str, Any] = {
         "xscale": "log",
         "yscale": "log",
         "xlabel": "MRE published [%]",
@@ -166,4 +166,6 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 _ABOUT = "Table 5.3: the mean relative error of adaptive slices, published beside ours."
 _SOURCE = "thesis section 5.5.4, Table 5.3"
-STUDY = Study("table-5-3", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
+STUDY: Study = Study(
+    "table-5-3", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
+)

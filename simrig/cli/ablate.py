@@ -7,24 +7,21 @@ from typing import Annotated
 import typer
 
 from simrig.cli import frame
+from simrig.cli.effect_options import Allowed
+from simrig.cli.options import Seed, Variant
 from simrig.cli.scene_argument import Material, Resolution, Scene, named_scene
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(ablate)
 
 
 def ablate(
     scene: Scene,
     material: Material = None,
     resolution: Resolution = None,
-    tolerance: Annotated[str, typer.Option(help="dE=..., psnr=... or relative=...")] = "dE=0.5",
+    tolerance: Allowed = "dE=0.5",
     budget_seconds: Annotated[
         float, typer.Option(min=0.0, help="For the picture with everything.")
     ] = 20.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 0,
-    variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
+    seed: Seed = 0,
+    variant: Variant = "auto",
 ) -> frame.Report:
     """Leave out effects one at a time and measure what changes, noise told from change.
 

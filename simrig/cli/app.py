@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import typer
 
@@ -28,7 +29,11 @@ from simrig.cli import (
     stimuli,
     studies,
 )
+from simrig.cli.btf import files as btf_files
 from simrig.cli.btf import measure as btf
+from simrig.cli.declared import declaring
+
+Commands = dict[str, Callable[..., frame.Report]]
 
 app = typer.Typer(
     name="simrig",
@@ -50,25 +55,59 @@ def start(
         print(context.get_help())
 
 
-for module in (
-    doctor,
-    experiment,
-    materials,
-    measure,
-    reconstruct,
-    plan,
-    render,
-    compare,
-    convert,
-    info,
-    converge,
-    ablate,
-    audit,
-    distance,
-    pareto,
-    studies,
-    stability,
-    btf,
-    stimuli,
-):
-    module.register(app)
+_COMMANDS: Commands = {
+    "doctor": doctor.doctor,
+    "demo": experiment.demo,
+    "run": experiment.run,
+    "materials": materials.materials,
+    "measure": measure.measure,
+    "reconstruct": reconstruct.reconstruct,
+    "plan": plan.plan,
+    "render": render.render,
+    "compare": compare.compare,
+    "convert": convert.convert,
+    "info": info.info,
+    "converge": converge.converge,
+    "ablate": ablate.ablate,
+    "audit": audit.audit,
+    "distance": distance.distance,
+    "distance-map": distance.distance_map,
+    "pareto": pareto.pareto,
+    "bench": studies.bench,
+    "stability": stability.stability,
+}
+_STUDY: Commands = {
+    "list": studies.list_studies,
+    "run": studies.run_study,
+    "report": studies.report_study,
+}
+_BTF: Commands = {
+    "measure": btf.measure,
+    "info": btf_files.info,
+    "convert": btf_files.convert,
+    "fill": btf_files.fill,
+    "average": btf_files.average,
+    "from-slices": btf_files.from_slices,
+}
+_STIMULI: Commands = {
+    "cylinders": stimuli.cylinders,
+    "rotation": stimuli.rotation,
+    "chessboard": stimuli.chessboard,
+    "room": stimuli.room,
+}
+_GROUPS: dict[str, tuple[str, Commands]] = {
+    "study": ("Published tables and figures beside ours.", _STUDY),
+    "btf": ("BTFs: measure, look at, convert, fill, average.", _BTF),
+    "stimuli": ("Scenes of the study of structure: cylinders, frames, room.", _STIMULI),
+}
+# what plans, rigs and methods declare becomes options of these
+_DECLARED = {"measure": measure.declarers, "reconstruct": reconstruct.declarers}
+
+for name, function in _COMMANDS.items():
+    takes: dict[str, Any] = {"cls": declaring(_DECLARED[name])} if name in _DECLARED else {}
+    frame.add_command(app, function, name, **takes)
+for name, (about, commands) in _GROUPS.items():
+    group = typer.Typer(help=about)
+    for own, function in commands.items():
+        frame.add_command(group, function, own)
+    app.add_typer(group, name=name)

@@ -13,11 +13,6 @@ from simrig.cli.scene_argument import Define
 from simrig.core.errors import SimrigError
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(audit)
-
-
 def audit(
     folder: Annotated[Path, typer.Argument(help="Of Mitsuba scenes (.xml).")],
     tolerance: effect_options.Tolerance = None,

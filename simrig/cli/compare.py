@@ -8,16 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.options import Overwrite
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
     from simrig.evaluation.metrics.comparison import Comparison
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(compare)
 
 
 def compare(
@@ -51,9 +47,7 @@ def compare(
     as_materials: Annotated[
         bool, typer.Option("--materials", help="Two OpenEXR files are UTIA tables, not pictures.")
     ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing picture.")
-    ] = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Compare two pictures (EXR, HDR, PNG, JPEG, PFM) or two materials by every metric.
 

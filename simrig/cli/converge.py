@@ -8,20 +8,17 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.effect_options import Allowed
+from simrig.cli.options import IntoFolder, Seed, Variant
 from simrig.cli.outputs import output_folder
 from simrig.cli.scene_argument import Material, Resolution, Scene, named_scene
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(converge)
 
 
 def converge(
     scene: Scene,
     material: Material = None,
     resolution: Resolution = None,
-    tolerance: Annotated[str, typer.Option(help="dE=..., psnr=... or relative=...")] = "dE=0.5",
+    tolerance: Allowed = "dE=0.5",
     budget_seconds: Annotated[float, typer.Option(help="Time for all of it.")] = 60.0,
     integrator: Annotated[
         list[str] | None, typer.Option(help="May be repeated: scene, direct, path-3, path-5, path.")
@@ -35,9 +32,9 @@ def converge(
     output: Annotated[
         Path | None, typer.Option(help="Folder for convergence.csv, .png and .json.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 0,
-    variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Add to a folder in use.")] = False,
+    seed: Seed = 0,
+    variant: Variant = "auto",
+    overwrite: IntoFolder = False,
 ) -> frame.Report:
     """Render at growing samples per pixel, by several integrators and samplers.
 

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from simrig.cli import frame, reading
+from simrig.cli import frame
+from simrig.cli.options import Overwrite
 from simrig.cli.outputs import output_file
+from simrig.cli.reading import Reading, notes
 from simrig.core.errors import SimrigError
-
-if TYPE_CHECKING:
-    from simrig.files.load import ReadOptions
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(reading.takes_options(convert))
 
 
 def convert(
@@ -28,11 +22,9 @@ def convert(
     format: Annotated[
         str | None, typer.Option(help="One of the formats; by the ending of the output else.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing output.")
-    ] = False,
+    overwrite: Overwrite = False,
     *,
-    reading: ReadOptions,
+    reading: Reading,
 ) -> frame.Report:
     """Write a material in another format, and say how well it survived; lists the formats alone.
 
@@ -41,7 +33,6 @@ def convert(
     """
     from dataclasses import asdict
 
-    from simrig.cli.reading import notes
     from simrig.files.load import read_material, save_material
 
     if material is None:
@@ -49,7 +40,7 @@ def convert(
     if output is None:
         raise SimrigError("name the file to write: simrig convert MATERIAL OUTPUT")
     with output_file(output, overwrite):
-        read = read_material(material, reading)
+        read = read_material(material, reading.options())
         saved = save_material(output, read.brdf, format)
     return frame.Report(
         data={

@@ -9,14 +9,9 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.assignments import assignments
+from simrig.cli.options import Overwrite
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    frame.command(app)(distance)
-    frame.command(app, "distance-map")(distance_map)
 
 
 def distance(
@@ -99,9 +94,7 @@ def distance_map(
         float, typer.Option(help="What one unit of the scene is; a millimetre else.")
     ] = 1e-3,
     spp: Annotated[int, typer.Option(min=1, help="Samples per pixel of the picture.")] = 16,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing map.")
-    ] = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Draw where in a scene the structure of materials can be seen from the camera."""
     from simrig.cli.scene_argument import scene_file

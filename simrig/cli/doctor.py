@@ -10,11 +10,6 @@ import typer
 from simrig.cli import frame
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(doctor)
-
-
 def doctor(
     output: Annotated[
         Path, typer.Option(help="The folder that results shall go to; its disk is checked.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -24,42 +25,48 @@ Tolerance = Annotated[
         f"({DEFAULT_TOLERANCE} unless something else says so)."
     ),
 ]
-Enable = Annotated[
-    list[str] | None,
-    typer.Option("--enable", metavar="EFFECT", help="Simulate it in any case; may be repeated."),
-]
-Disable = Annotated[
-    list[str] | None,
-    typer.Option("--disable", metavar="EFFECT", help="Leave it out in any case; may be repeated."),
-]
-Everything = Annotated[
-    bool, typer.Option("--everything", help="Simulate every effect that is there.")
-]
-
-
 Budget = Annotated[
     str | None,
     typer.Option(help="Seconds that the picture may take, such as 60s or 5min: the best in time."),
 ]
+Allowed = Annotated[str, typer.Option(help="dE=..., psnr=... or relative=...")]
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The options that choose which effects are simulated."""
+
+    tolerance: Tolerance = None
+    enable: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EFFECT", help="Simulate it in any case; may be repeated."),
+    ] = None
+    disable: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EFFECT", help="Leave it out in any case; may be repeated."),
+    ] = None
+    everything: Annotated[
+        bool, typer.Option("--everything", help="Simulate every effect that is there.")
+    ] = False
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """What comes on or stays off whatever the tolerance says."""
+        enable, disable = tuple(self.enable or ()), tuple(self.disable or ())
+        return {"enable": enable, "disable": disable, "everything": self.everything}
+
+    @property
+    def given(self) -> bool:
+        """Whether any of them was."""
+        return bool(self.tolerance or self.enable or self.disable or self.everything)
+
+
 _UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0}
 
 
-def experiment_with(
-    config: Experiment,
-    tolerance: str | None,
-    enable: list[str] | None,
-    disable: list[str] | None,
-    everything: bool,
-) -> Experiment:
+def experiment_with(config: Experiment, effects: Effects) -> Experiment:
     """Return an experiment with what the command line says in the place of its own settings."""
-    from dataclasses import replace
-
-    said: dict[str, Any] = {
-        "tolerance": tolerance,
-        "enable": tuple(enable or ()),
-        "disable": tuple(disable or ()),
-        "everything": everything,
-    }
+    said = {"tolerance": effects.tolerance, **effects.overrides}
     changed = {key: value for key, value in said.items() if value}
     return replace(config, rendering=replace(config.rendering, **changed)) if changed else config
 
@@ -80,7 +87,7 @@ def seconds_of(text: str) -> float:
     return seconds
 
 
-def planned(subject: Any, tolerance: str | None, budget: str | None, **options: Any) -> Plan:
+def planned(subject: Any, effects: Effects, budget: str | None, **options: Any) -> Plan:
     """Return the plan of a scene for a tolerance, or for a time.
 
     Raises:
@@ -88,7 +95,8 @@ def planned(subject: Any, tolerance: str | None, budget: str | None, **options: 
     """
     from simrig.planning import plan_budget, plan_scene
 
-    allowed = tolerance or DEFAULT_TOLERANCE
+    allowed, tolerance = effects.tolerance or DEFAULT_TOLERANCE, effects.tolerance
+    options |= effects.overrides
     if budget is None:
         return plan_scene(subject, allowed, **options)
     if tolerance is not None:

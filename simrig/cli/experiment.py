@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import effect_options, frame
+from simrig.cli.options import IntoFolder
 from simrig.cli.outputs import output_folder
 
 if TYPE_CHECKING:
@@ -16,15 +17,6 @@ if TYPE_CHECKING:
 
 _Output = Annotated[Path, typer.Option(help="The folder for pictures, data and the report.")]
 _Variant = Annotated[str | None, typer.Option(help="Mitsuba variant, or 'auto'.")]
-_Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Add the results to a folder that holds other files.")
-]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    frame.command(app)(demo)
-    frame.command(app)(run)
 
 
 def demo(
@@ -32,12 +24,10 @@ def demo(
         str | None, typer.Option(help="A built-in material or a material file.")
     ] = None,
     output: _Output = Path("output/demo"),
-    tolerance: effect_options.Tolerance = None,
-    enable: effect_options.Enable = None,
-    disable: effect_options.Disable = None,
-    everything: effect_options.Everything = False,
+    *,
+    effects: effect_options.Effects,
     variant: _Variant = None,
-    overwrite: _Overwrite = False,
+    overwrite: IntoFolder = False,
 ) -> frame.Report:
     """Measure, reconstruct, render and compare one material, and write a report.
 
@@ -47,9 +37,7 @@ def demo(
     """
     from simrig.evaluation.experiment.config import demo_experiment
 
-    config = effect_options.experiment_with(
-        demo_experiment(material), tolerance, enable, disable, everything
-    )
+    config = effect_options.experiment_with(demo_experiment(material), effects)
     return _experiment(config, output, variant, overwrite)
 
 
@@ -58,12 +46,10 @@ def run(
     output: Annotated[
         Path | None, typer.Option(help="The folder for the results; output/NAME else.")
     ] = None,
-    tolerance: effect_options.Tolerance = None,
-    enable: effect_options.Enable = None,
-    disable: effect_options.Disable = None,
-    everything: effect_options.Everything = False,
+    *,
+    effects: effect_options.Effects,
     variant: _Variant = None,
-    overwrite: _Overwrite = False,
+    overwrite: IntoFolder = False,
 ) -> frame.Report:
     """Run an experiment: as 'demo', with every setting from a TOML file.
 
@@ -71,9 +57,7 @@ def run(
     """
     from simrig.evaluation.experiment.config import Experiment
 
-    config = effect_options.experiment_with(
-        Experiment.from_toml(experiment), tolerance, enable, disable, everything
-    )
+    config = effect_options.experiment_with(Experiment.from_toml(experiment), effects)
     return _experiment(config, output or Path("output") / experiment.stem, variant, overwrite)
 
 

@@ -24,9 +24,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -88,24 +88,30 @@ class OneLineErrors(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def command(
-    app: typer.Typer, name: str | None = None, cls: type[TyperCommand] = TyperCommand
-) -> Callable[[Callable], Callable]:
-    """Return a decorator that makes a function returning a ``Report`` a command of ``app``."""
+def add_command(
+    app: typer.Typer,
+    function: Callable[..., Report],
+    name: str | None = None,
+    cls: type[TyperCommand] = TyperCommand,
+) -> None:
+    """Make a function that returns a ``Report`` a command of ``app``.
 
-    def register(function: Callable[..., Report]) -> Callable[..., Report]:
-        app.command(name, cls=cls)(_framed(function))
-        return function
-
-    return register
+    A parameter whose type is a dataclass stands for a group of options: one for each field.
+    """
+    app.command(name, cls=cls)(_framed(function))
 
 
 def _framed(function: Callable[..., Report]) -> Callable[..., None]:
     """Return what typer runs: ``function`` with the shared options, its report printed."""
+    # typer reads the signature and the annotations; the latter as objects, not as text
+    own = inspect.signature(function, eval_str=True).parameters.values()
+    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
 
     def run(*, as_json: bool, quiet: bool, verbose: bool, **arguments: Any) -> None:
         global _run
         _run = _Run(quiet=quiet, verbose=verbose)
+        for name, group in groups.items():
+            arguments[name] = group(**{f.name: arguments.pop(f.name) for f in fields(group)})
         with _errors_as_exit_codes():
             _mute_native_messages()
             with _native_output_on_standard_error():
@@ -113,17 +119,26 @@ def _framed(function: Callable[..., Report]) -> Callable[..., None]:
             _print_report(report, as_json)
         raise typer.Exit(report.exit_code)
 
-    # typer reads the signature and the annotations; the latter as objects, not as text
-    own = inspect.signature(function, eval_str=True)
-    shared = [
-        inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-        for key, kind in _SHARED.items()
-    ]
-    parameters = [*map(_with_short_name, own.parameters.values()), *shared]
+    shared = [_keyword(key, False, kind) for key, kind in _SHARED.items()]
+    parameters = [option for p in own for option in map(_with_short_name, _options_of(p))] + shared
     run.__name__, run.__doc__ = function.__name__, function.__doc__
     run.__annotations__ = {item.name: item.annotation for item in parameters}
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run
+
+
+def _options_of(parameter: inspect.Parameter) -> list[inspect.Parameter]:
+    """Return the options that a parameter stands for: itself, or those of its group."""
+    group = parameter.annotation
+    if not is_dataclass(group):
+        return [parameter]
+    kinds = get_type_hints(group, include_extras=True)
+    return [_keyword(option.name, option.default, kinds[option.name]) for option in fields(group)]
+
+
+def _keyword(name: str, default: Any, annotation: Any) -> inspect.Parameter:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
 def _with_short_name(parameter: inspect.Parameter) -> inspect.Parameter:

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from simrig.cli import frame, reading
-
-if TYPE_CHECKING:
-    from simrig.files.load import ReadOptions
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(reading.takes_options(info))
+from simrig.cli import frame
+from simrig.cli.reading import Reading
 
 
 def info(
@@ -24,7 +17,7 @@ def info(
         str | None, typer.Option(help="Of an OpenEXR file, where it has several.")
     ] = None,
     *,
-    reading: ReadOptions,
+    reading: Reading,
 ) -> frame.Report:
     """Say what a file is, what it says about its values, and what simrig would make of it.
 
@@ -33,7 +26,7 @@ def info(
     """
     from simrig.files.describe import describe
 
-    about = describe(file, reading, layer)
+    about = describe(file, reading.options(), layer)
     rows: list[tuple[str, Any]] = [("kind", about.kind), ("format", about.format)]
     rows += [(f"says: {key}", frame.plain(value)) for key, value in about.says.items()]
     rows += [("made", made) for made in about.made]

@@ -7,22 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simrig.cli import frame, reading
+from simrig.cli import frame
+from simrig.cli.options import Overwrite, check_picture, write_picture
 from simrig.cli.outputs import output_file
+from simrig.cli.reading import Reading
 from simrig.cli.structures import describe, listing
 from simrig.core.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
     from simrig.brdf import Brdf
-    from simrig.files.load import Read, ReadOptions
+    from simrig.files.load import Read
 
 _ALBEDO_VIEWS_DEG = (0.0, 60.0)  # of one material; lists show the first
 _SHOWN_NUMBERS = 12  # parameters with more values are tables, shown by their shape
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(reading.takes_options(materials))
 
 
 def materials(
@@ -37,14 +34,12 @@ def materials(
     structures: Annotated[
         bool, typer.Option("--structures", help="List the materials with structure.")
     ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing picture.")
-    ] = False,
+    overwrite: Overwrite = False,
     *,
-    reading: ReadOptions,
+    reading: Reading,
 ) -> frame.Report:
     """List the built-in materials and scenes, or describe one of them or a material file."""
-    from simrig.files.load import MATERIALS
+    from simrig.files.load import MATERIALS, read_material
     from simrig.mesostructure import PRESETS
     from simrig.scenes import SCENES
 
@@ -63,7 +58,7 @@ def materials(
         return _scene(name)
     if not (Path(name).suffix or Path(name).exists() or name in MATERIALS):
         raise unknown_name("material", name, (*MATERIALS, *PRESETS, *SCENES))
-    read = _read(name, reading)
+    read = read_material(name, reading.options())
     report = _material(name, read)
     if picture is None:
         return report
@@ -71,29 +66,18 @@ def materials(
     return frame.Report({**report.data, "picture": str(picture)}, [*report.shown, drawn])
 
 
-def _read(name: str, options: ReadOptions) -> Read:
-    from simrig.files.load import read_material
-
-    return read_material(name, options)
-
-
 def _draw(brdf: Brdf, path: Path, overwrite: bool) -> str:
     """Write the BRDF picture of a material, and return what to say about it."""
     import numpy as np
 
-    from simrig.files.images import write_exr, write_png
     from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture
 
-    if path.suffix not in (".png", ".exr"):
-        raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
+    check_picture(path)
     top = np.degrees(brdf.theta_max)
     image = brdf_picture(brdf, [e for e in THETAS_DEG if e <= top])
     exposure = brdf_exposure(image)
     with output_file(path, overwrite) as temporary:
-        if path.suffix == ".exr":
-            write_exr(temporary, image, {"material": brdf.name, "unit": "1/sr"})
-        else:
-            write_png(temporary, image, exposure)
+        write_picture(temporary, image, exposure, material=brdf.name, unit="1/sr")
     height, width = image.shape[:2]
     shown = "" if path.suffix == ".exr" else f", exposure {exposure:.3g}"
     return (

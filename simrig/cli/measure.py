@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from simrig.cli import effect_options, frame
-from simrig.cli.declared import Declarers, declaring, given_options
+from simrig.cli.declared import Declarers, given_options
+from simrig.cli.options import Material, Overwrite
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
 
@@ -17,21 +18,17 @@ if TYPE_CHECKING:
     from simrig.rigs.protocol import Rig
 
 
-def _declarers() -> Declarers:
+def declarers() -> Declarers:
+    """Return what declares further options."""
     from simrig.plans.registry import PLANS
     from simrig.rigs.registry import RIGS
 
     return {"plan": PLANS.values(), "rig": RIGS.values()}
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app, cls=declaring(_declarers))(measure)
-
-
 def measure(
     context: typer.Context,
-    material: Annotated[str, typer.Argument(help="A built-in material or a material file.")],
+    material: Material,
     output: Annotated[Path, typer.Option(help="The measurement (.h5).")],
     rig: Annotated[
         str, typer.Option(help="A rig, an instrument, or an instrument file (.toml).")
@@ -39,16 +36,12 @@ def measure(
     plan: Annotated[
         str | None, typer.Option(help="Where to measure; by default what the rig is made for.")
     ] = None,
-    tolerance: effect_options.Tolerance = None,
-    enable: effect_options.Enable = None,
-    disable: effect_options.Disable = None,
-    everything: effect_options.Everything = False,
+    *,
+    effects: effect_options.Effects,
     ideal: Annotated[
         bool, typer.Option("--ideal", help="Points, exact axes, a perfect sensor: no effects.")
     ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing output.")
-    ] = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Measure a material with a rig, by a plan of directions.
 
@@ -71,15 +64,14 @@ def measure(
     device = make_rig(rig, **given_options(context, RIGS.values()))
     name, wishes = plan or device.default_plan, given_options(context, PLANS.values())
     checked_options(plan_type(name), wishes, PLANS.values(), "plan")
-    chosen = tolerance or enable or disable or everything
-    if chosen and ideal:
+    if effects.given and ideal:
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
-    if chosen and not device.effect_names:
+    if effects.given and not device.effect_names:
         raise SimrigError(
             f"rig '{device.name}' simulates no effects: leave out the options that choose some"
         )
-    allowed = parse_tolerance(tolerance or effect_options.DEFAULT_TOLERANCE)
-    overrides = Overrides(tuple(enable or ()), tuple(disable or ()), everything)
+    allowed = parse_tolerance(effects.tolerance or effect_options.DEFAULT_TOLERANCE)
+    overrides = Overrides(**effects.overrides)
     with output_file(output, overwrite):
         truth = load_material(material)
         made = make_plan(name, truth, **wishes)

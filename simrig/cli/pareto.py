@@ -8,12 +8,8 @@ from typing import Annotated
 import typer
 
 from simrig.cli import frame
+from simrig.cli.options import Workers
 from simrig.core.errors import SimrigError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(pareto)
 
 
 def pareto(
@@ -41,9 +37,7 @@ def pareto(
         str | None,
         typer.Option(help="Simulate those effects of rigs that it calls for (dE=0.5); none else."),
     ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Processes; more than one need simrig\\[studies].")
-    ] = 1,
+    workers: Workers = 1,
     output: Annotated[
         Path | None, typer.Option(help="The folder of the results; output/pareto/... else.")
     ] = None,

@@ -8,36 +8,29 @@ from typing import Annotated
 import typer
 
 from simrig.cli import frame
-from simrig.cli.declared import Declarers, declaring, given_options
+from simrig.cli.declared import Declarers, given_options
+from simrig.cli.options import Brdf, Format, Overwrite
 from simrig.cli.outputs import output_file
 from simrig.core.cost import stopwatch
 
 
-def _declarers() -> Declarers:
+def declarers() -> Declarers:
+    """Return what declares further options."""
     from simrig.methods import METHODS
 
     return {"method": METHODS.values()}
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app, cls=declaring(_declarers))(reconstruct)
-
-
 def reconstruct(
     context: typer.Context,
     measurement: Annotated[Path, typer.Argument(help="A measurement written by 'measure'.")],
-    output: Annotated[Path, typer.Option(help="The BRDF: .h5, or another format by its ending.")],
+    output: Brdf,
     method: Annotated[
         str | None,
         typer.Option(help="By what was measured else: slices, barycentric or gantry-b."),
     ] = None,
-    format: Annotated[
-        str | None, typer.Option(help="See 'simrig convert --help'; by the ending else.")
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing output.")
-    ] = False,
+    format: Format = None,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Reconstruct the whole BRDF from a measurement.
 

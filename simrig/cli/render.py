@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from simrig.cli import effect_options, frame
+from simrig.cli.options import (
+    Exposure,
+    Overwrite,
+    Seed,
+    Variant,
+    check_exposure,
+    check_picture,
+    write_picture,
+)
 from simrig.cli.outputs import output_file
 from simrig.cli.scene_argument import Define, Scale, Sensor
 from simrig.core.errors import SimrigError
@@ -16,11 +26,6 @@ if TYPE_CHECKING:
     from simrig.core.effects import Plan
 
 _SPP = 64  # where nothing is planned
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(render)
 
 
 def render(
@@ -37,10 +42,8 @@ def render(
         str | None,
         typer.Option(help="Plugin, or 'scene' for the scene's own; planned else."),
     ] = None,
-    tolerance: effect_options.Tolerance = None,
-    enable: effect_options.Enable = None,
-    disable: effect_options.Disable = None,
-    everything: effect_options.Everything = False,
+    *,
+    effects: effect_options.Effects,
     resolution: Annotated[
         int | None, typer.Option(min=1, max=16384, help="Width of the picture in pixels.")
     ] = None,
@@ -55,10 +58,7 @@ def render(
         int | None, typer.Option(min=1, help="Directional lights of the environment (256).")
     ] = None,
     rotation: Annotated[float, typer.Option(help="Degrees about the surface normal.")] = 0.0,
-    exposure: Annotated[
-        float | None,
-        typer.Option(help="Factor before the PNG is encoded; that of the plan else."),
-    ] = None,
+    exposure: Exposure = None,
     budget: effect_options.Budget = None,
     verify: Annotated[
         bool, typer.Option(help="Check the planned picture against an independent estimate.")
@@ -67,28 +67,19 @@ def render(
     scale: Scale = None,
     sensor: Sensor = 0,
     png: Annotated[bool, typer.Option(help="Also write a PNG beside the EXR.")] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 0,
-    variant: Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")] = "auto",
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing picture.")
-    ] = False,
+    seed: Seed = 0,
+    variant: Variant = "auto",
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Render a material on a scene, or a scene file, to an EXR picture and a PNG to look at.
 
     What is simulated follows from the tolerance, see 'simrig plan'. With --spp or --integrator
     nothing is planned: the scene's own integrator and 64 samples stand for the one not given.
     """
-    if output.suffix.lower() not in (".exr", ".png"):
-        raise SimrigError(f"'{output}': pictures are written as .exr or .png")
-    if exposure is not None and not 0.0 < exposure < float("inf"):
-        raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
-    overrides: dict[str, Any] = {
-        "enable": enable or (),
-        "disable": disable or (),
-        "everything": everything,
-    }
+    check_picture(output)
+    check_exposure(exposure)
     by_hand = spp is not None or integrator is not None
-    if by_hand and (tolerance or budget or any(overrides.values())):
+    if by_hand and (budget or effects.given):
         raise SimrigError("--spp and --integrator replace the plan: leave them or its options out")
     files = [output]
     if png and output.suffix.lower() == ".exr":
@@ -116,15 +107,8 @@ def render(
 
         planned = None
         if not by_hand:
-            planned = effect_options.planned(
-                subject,
-                tolerance,
-                budget,
-                variant=variant,
-                exposure=exposure,
-                sensor=sensor,
-                **overrides,
-            )
+            wished = {"variant": variant, "exposure": exposure, "sensor": sensor}
+            planned = effect_options.planned(subject, effects, budget, **wished)
         with frame.progress("rendering") as report:
             if planned and verify:
                 result, planned = planning.verified_render(subject, planned, seed, report)
@@ -147,7 +131,9 @@ def render(
             "exposure": exposure,
         }
         plan = planned.as_dict() if planned else None
-        _write(files, result.image, exposure, {**about, **_plan_metadata(plan)})
+        held_plan = {"plan": json.dumps(plan)} if plan else {}  # a header holds strings
+        for path in files:
+            write_picture(path, result.image, exposure, **about, **held_plan)
     height, width, _ = result.image.shape
     sizes = {"files": files, "width": width, "height": height}
     return frame.Report(
@@ -206,23 +192,6 @@ def _exposure(planned: Plan | None, image: Any) -> float:
     if planned:
         return float(planned.about["exposure"])
     return display_exposure(image) if (image > 0.0).any() else 1.0
-
-
-def _plan_metadata(plan: dict[str, Any] | None) -> dict[str, str]:
-    """Return the plan as one string of JSON, which a picture's header can hold."""
-    import json
-
-    return {"plan": json.dumps(plan)} if plan else {}
-
-
-def _write(files: list[Path], image: Any, exposure: float, about: dict[str, Any]) -> None:
-    from simrig.files.images import write_exr, write_png
-
-    for path in files:
-        if path.suffix.lower() == ".exr":
-            write_exr(path, image, about)
-        else:
-            write_png(path, image, exposure, about)
 
 
 def _shown(planned: Plan | None) -> list[Any]:

@@ -11,11 +11,6 @@ from simrig.cli import frame
 from simrig.core.errors import SimrigError
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    frame.command(app)(stability)
-
-
 class Backend(StrEnum):
     """Where Dr.Jit and the plugins compute."""
 

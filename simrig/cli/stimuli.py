@@ -10,6 +10,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.assignments import assignments
+from simrig.cli.options import Overwrite, Seed, Spp, check_picture, write_picture
 from simrig.cli.outputs import output_file, output_folder
 from simrig.core.errors import SimrigError
 
@@ -20,14 +21,13 @@ if TYPE_CHECKING:
 _Material = Annotated[
     str, typer.Argument(help="A BTF (.h5), a material with structure, bumps or chessboard-MM.")
 ]
-_Output = Annotated[Path, typer.Option(help="The picture, .png or .exr.")]
+_Picture = Annotated[Path, typer.Option(help="The picture, .png or .exr.")]
 _Experiment = Annotated[
     str, typer.Option(help="A: 20 cylinders, 1920 × 1080. B: 12 cylinders, 2160 × 1868.")
 ]
 _Resolution = Annotated[
     int | None, typer.Option(min=16, help="Width in pixels; as published unless given.")
 ]
-_Spp = Annotated[int, typer.Option(min=1, help="Samples per pixel.")]
 _Rotation = Annotated[
     float, typer.Option(help="Of the material, in degrees; the thesis has 0, 45 and 90.")
 ]
@@ -43,41 +43,30 @@ _Measured = Annotated[
     typer.Option(help="A folder that keeps what is measured now; read from there the next time."),
 ]
 _TEXELS, _ALL_DIRECTIONS = 64, "81x81"
-_Seed = Annotated[int, typer.Option(min=0, help="Of the samples.")]
-_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output.")]
 _Exr = Annotated[bool, typer.Option("--exr", help="Frames as OpenEXR instead of PNG.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    group = typer.Typer(help="Scenes of the study of structure: cylinders, frames, room.")
-    for function in (cylinders, rotation, chessboard):
-        frame.command(group)(function)
-    frame.command(group, "room")(room_command)
-    app.add_typer(group, name="stimuli")
 
 
 def cylinders(
     material: _Material,
-    output: _Output,
+    output: _Picture,
     experiment: _Experiment = "A",
     resolution: _Resolution = None,
-    spp: _Spp = 64,
+    spp: Spp = 64,
     rotation: _Rotation = 0.0,
     texels: _Texels = None,
     directions: _Directions = None,
     measured: _Measured = None,
-    seed: _Seed = 0,
-    overwrite: _Overwrite = False,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Render a material on the receding cylinders: BRDF above, BTF below."""
-    _check_suffix(output)
+    check_picture(output)
     how = _measured_now(material, texels, directions, measured)
     with output_file(output, overwrite) as temporary:
         stimulus = _stimulus(material, experiment, resolution, spp, rotation, **how)
         with frame.progress("cylinders") as report:
             result = stimulus.picture(seed, report)
-        exposure = _write(temporary, output, result, material)
+        exposure = _write(temporary, result, material)
     return _report(output, result, {"material": material, "exposure": exposure})
 
 
@@ -88,13 +77,13 @@ def rotation(
     speed: Annotated[float, typer.Option(help="Degrees per second, to the right.")] = 36.0,
     patch: Annotated[float, typer.Option(min=0.0, help="Width over the seam, mm; 0: none.")] = 8.0,
     resolution: _Resolution = None,
-    spp: _Spp = 16,
+    spp: Spp = 16,
     rotation: _Rotation = 0.0,
     texels: _Texels = None,
     directions: _Directions = None,
     measured: _Measured = None,
     exr: _Exr = False,
-    overwrite: _Overwrite = False,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Render the 12 cylinders rotating, 30 frames per second; after Ctrl-C it goes on."""
     from simrig.viewing.stimuli.pictures import FRAMES_PER_SECOND, write_frames
@@ -117,18 +106,18 @@ def rotation(
 
 
 def chessboard(
-    output: _Output,
+    output: _Picture,
     square: Annotated[float, typer.Option(help="Side of a square in mm; the thesis: 2, 5.")] = 5.0,
     experiment: _Experiment = "A",
     resolution: _Resolution = None,
-    spp: _Spp = 64,
-    overwrite: _Overwrite = False,
+    spp: Spp = 64,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Render the chessboard for calibration; print every cylinder's width beside the formula."""
     from simrig.core import backend
     from simrig.viewing.stimuli.pictures import cylinder_widths
 
-    _check_suffix(output)
+    check_picture(output)
     if not 0.0 < square < math.inf:
         raise SimrigError(f"--square is the side of a square in mm above 0, got {square:g}")
     with output_file(output, overwrite) as temporary:
@@ -137,15 +126,15 @@ def chessboard(
             result = stimulus.picture(progress=report)
         backend.select()
         widths = cylinder_widths(experiment, resolution)
-        exposure = _write(temporary, output, result, stimulus.material.stack.name)
+        exposure = _write(temporary, result, stimulus.material.stack.name)
     columns = list(widths[0])
     table = frame.table(columns, [[row[column] for column in columns] for row in widths])
     done = _report(output, result, {"exposure": exposure, "widths": widths})
     return frame.Report(done.data, [table, *done.shown])
 
 
-def room_command(
-    output: _Output,
+def room(
+    output: _Picture,
     form: Annotated[str, typer.Option(help="btf, brdf or switched.")] = "switched",
     material: Annotated[
         list[str] | None, typer.Option(help="PART=MATERIAL, see docs/stimuli.md; repeatable.")
@@ -158,14 +147,14 @@ def room_command(
         float | None, typer.Option(min=0.0, help="Of the switch instead: one for all, in m.")
     ] = None,
     resolution: Annotated[int, typer.Option(min=16, help="Width in pixels; 16 : 9.")] = 1920,
-    spp: _Spp = 16,
+    spp: Spp = 16,
     texels: Annotated[
         int, typer.Option(min=1, help="Along x, of BTFs that are measured now.")
     ] = 32,
     directions: _Directions = None,
     measured: _Measured = None,
-    seed: _Seed = 0,
-    overwrite: _Overwrite = False,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
 ) -> frame.Report:
     """Render the room of chairs (Fig. 3.18); materials that are no files are measured first."""
     from simrig.core import backend
@@ -174,7 +163,7 @@ def room_command(
     from simrig.scenes.room import ROOM_PARTS
     from simrig.viewing.room import DISTANCES, FORMS, Room, distances_mm, room_materials
 
-    _check_suffix(output)
+    check_picture(output)
     if form not in FORMS:
         raise unknown_name("form of the room", form, FORMS)
     if distances is not None and distances not in DISTANCES:
@@ -201,7 +190,7 @@ def room_command(
         scene = Room(materials, switch, resolution, spp).scene(form)
         with frame.progress("room") as report:
             result = render(scene, spp, seed, progress=report)
-        exposure = _write(temporary, output, result, "room")
+        exposure = _write(temporary, result, "room")
     return _report(output, result, {"form": form, "exposure": exposure, "distances_mm": switch})
 
 
@@ -241,22 +230,12 @@ def _stimulus(
     return CylinderStimulus(shown, experiment, resolution, spp, rotation, patch)
 
 
-def _check_suffix(path: Path) -> None:
-    if path.suffix not in (".png", ".exr"):
-        raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
-
-
-def _write(temporary: Path, path: Path, result: RenderResult, name: str) -> float:
-    """Write a picture and return the exposure at which a PNG shows it."""
-    from simrig.files.images import write_exr, write_png
+def _write(path: Path, result: RenderResult, name: str) -> float:
+    """Write a picture and return the exposure at which it is shown."""
     from simrig.rendering.render import display_exposure
 
-    if path.suffix == ".exr":
-        write_exr(temporary, result.image, {"material": name, "unit": "radiance"})
-        return 1.0
-    exposure = display_exposure(result.image)
-    write_png(temporary, result.image, exposure=exposure)
-    return exposure
+    exposure = 1.0 if path.suffix.lower() == ".exr" else display_exposure(result.image)
+    return write_picture(path, result.image, exposure, material=name, unit="radiance")
 
 
 def _report(path: Path, result: RenderResult, about: dict[str, Any]) -> frame.Report:

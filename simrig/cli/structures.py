@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simrig.cli import frame
+from simrig.cli.options import check_picture, write_picture
 from simrig.cli.outputs import output_file
-from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
     from simrig.mesostructure.preset import Preset
@@ -39,8 +39,7 @@ def describe(name: str, picture: Path | None, overwrite: bool) -> frame.Report:
     """Return what one material with structure is; with ``picture`` also draw it."""
     from simrig.mesostructure import PRESETS, build_tile
 
-    if picture is not None and picture.suffix not in (".png", ".exr"):
-        raise SimrigError(f"a picture ends in .png or .exr, not '{picture.suffix}'")
+    check_picture(picture)
     tile = build_tile(name)
     about = _summary(PRESETS[name]) | {
         "height_mm": [round(z, 4) for z in tile.height_mm],
@@ -73,16 +72,12 @@ def _sides(size_mm: list[float]) -> str:
 def _draw(tile: Any, path: Path, overwrite: bool) -> str:
     """Render several periods of a tile to a file, and return what to say about it."""
     from simrig.core import backend
-    from simrig.files.images import write_exr, write_png
     from simrig.rendering.render import render
     from simrig.scenes.tile import tile_scene
 
     backend.select()
     with output_file(path, overwrite) as temporary:
         image = render(tile_scene(tile, resolution=_PICTURE_PIXELS), spp=_PICTURE_SPP).image
-        if path.suffix == ".exr":
-            write_exr(temporary, image, {"material": tile.name, "unit": "radiance"})
-        else:
-            write_png(temporary, image)
+        write_picture(temporary, image, material=tile.name, unit="radiance")
     width = 3.0 * tile.size_mm[0]
     return f"{path}: {_PICTURE_PIXELS} × {_PICTURE_PIXELS}, {width:g} mm wide, oblique light"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.options import Workers
 from simrig.core.errors import SimrigError, unknown_name
 
 if TYPE_CHECKING:
@@ -20,16 +21,6 @@ _Full = Annotated[
 _Output = Annotated[
     Path | None, typer.Option(help="The folder of the results; output/studies/NAME-PRESET else.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    study = typer.Typer(help="Published tables and figures beside ours.")
-    frame.command(study, "list")(list_studies)
-    frame.command(study, "run")(run_study)
-    frame.command(study, "report")(report_study)
-    app.add_typer(study, name="study")
-    frame.command(app)(bench)
 
 
 def list_studies() -> frame.Report:
@@ -48,9 +39,7 @@ def list_studies() -> frame.Report:
 def run_study(
     name: _StudyName,
     full: _Full = False,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Processes; more than one need simrig\\[studies].")
-    ] = 1,
+    workers: Workers = 1,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a Dask scheduler.")
     ] = None,

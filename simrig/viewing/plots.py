@@ -121,12 +121,12 @@ def finish_panel(panel: Axes, legend: Mapping[str, Any] | None = None, **axes: A
         (panel.get_figure() if outside else panel).legend(**settings)  # type: ignore[union-attr]
 
 
-def dot_style(number: int) -> dict[str, str]:
+def dot_style(number: int) -> dict[str, Any]:
     """Return what draws dots among several kinds, hollow and not joined."""
     return {**line_style(number), "linestyle": "", "markerfacecolor": "white"}
 
 
-def line_style(number: int) -> dict[str, str]:
+def line_style(number: int) -> dict[str, Any]:
     """Return colour and marker of a line among several; after seven they come back."""
     return {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)]}
 

@@ -106,7 +106,7 @@ def _beside(pictures: Sequence[Row], path: Path) -> Path:
 def _over_distance(summary: Mapping[str, Any], folder: Path) -> Path:
     path = folder / "distance.png"
     label = "ΔE of the full form; dotted: noise of the structure"
-    axes = {"xscale": "log", "xlabel": "distance [m]", "ylabel": label}
+    axes: dict[str, Any] = {"xscale": "log", "xlabel": "distance [m]", "ylabel": label}
     with drawn_panel(path, 5.6, 3.8, legend={"fontsize": 7}, **axes) as panel:
         for number, material in enumerate(distinct(summary["distance"], "material")):
             own = where(summary["distance"], material=material, form="full")

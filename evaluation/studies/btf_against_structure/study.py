@@ -265,6 +265,6 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 
 _ABOUT = "A measured BTF beside its true structure: between angles, over distance, in speed."
 _SOURCE = "a question of our own; BTFs as in thesis sections 1.1.1 and 3.3"
-STUDY = Study(
+STUDY: Study = Study(
     "btf-against-structure", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

@@ -166,7 +166,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 
 def _draw_depth(summary: Mapping[str, Any], path: Path) -> None:
-    axes = {
+    axes: dict[str, Any] = {
         "xlabel": "depth of the structure ÷ size of its largest element",
         "ylabel": "PSNR of the rendering [dB]  (higher is better)",
     }
@@ -176,6 +176,6 @@ def _draw_depth(summary: Mapping[str, Any], path: Path) -> None:
             depth, psnr = ([row[name] for row in own] for name in ("depth_over_element", "psnr"))
             panel.plot(depth, psnr, MARKERS[number], color=COLOURS[number], label=method)
             if number == 0:
-                for row, *place in zip(own, depth, psnr, strict=True):
-                    panel.annotate(row["material"], place, fontsize=6, rotation=20)
+                for row, x, y in zip(own, depth, psnr, strict=True):
+                    panel.annotate(row["material"], (x, y), fontsize=6, rotation=20)
         panel.margins(x=0.18)  # for the names

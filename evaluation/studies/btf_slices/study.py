@@ -268,6 +268,6 @@ def _beside_exact(
 
 _ABOUT = "Section 6.3.5: BTFs reconstructed from the 168 images of a gantry, failures shown."
 _SOURCE = "thesis section 6.3.5, Figures 6.17 and 6.18"
-STUDY = Study(
+STUDY: Study = Study(
     "btf-slices", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots, keeps=True
 )

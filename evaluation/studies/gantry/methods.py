@@ -162,4 +162,6 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 _ABOUT = "Section 6.3.2: gantry methods A, B and BD beside 169 uniform samples."
 _SOURCE = "thesis section 6.3.2, Figure 6.13"
-STUDY = Study("gantry-methods", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
+STUDY: Study = Study(
+    "gantry-methods", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
+)

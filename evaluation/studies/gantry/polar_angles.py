@@ -107,7 +107,10 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     pairs = sorted(summary["our_order"], key=lambda pair: [float(t) for t in pair.split("/")])
     means = {mean["pair"]: mean["rmse"] for mean in summary["means"]}
     path = folder / "polar_angles.png"
-    axes = {"xlabel": "measured polar angles [°]", "ylabel": "RMSE  (lower is better)"}
+    axes: dict[str, Any] = {
+        "xlabel": "measured polar angles [°]",
+        "ylabel": "RMSE  (lower is better)",
+    }
     with drawn_panel(path, 5.6, 3.8, legend={"fontsize": 8}, **axes) as panel:
         panel.bar(pairs, [means[pair] for pair in pairs], color=COLOURS[0], width=0.6, label="mean")
         for number, name in enumerate(summary["materials"], start=1):
@@ -118,6 +121,6 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
 
 _ABOUT = "Figure 6.24: which two polar angles a gantry should measure."
 _SOURCE = "thesis section 6.4.4, Figure 6.24"
-STUDY = Study(
+STUDY: Study = Study(
     "gantry-polar-angles", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
 )

@@ -172,4 +172,6 @@ def _curve(panel: Any, means: Sequence[Row], value: str, number: int) -> None:
 
 _ABOUT = "Figure 6.26: polar angles and slices per subspace of a gantry against error and time."
 _SOURCE = "thesis section 6.4.4, Figure 6.26"
-STUDY = Study("gantry-slices", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
+STUDY: Study = Study(
+    "gantry-slices", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
+)

@@ -196,4 +196,4 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 
 _ABOUT = "What accuracy costs: every method's error over samples, hours, seconds and bytes."
 _SOURCE = "a question of our own; thesis sections 5.5 and 6.3 compare some of these methods"
-STUDY = Study("pareto", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
+STUDY: Study = Study("pareto", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

@@ -161,4 +161,6 @@ def _cost(rows: Sequence[Row]) -> dict[str, Any]:
 
 _ABOUT = "Where slices should lie: the best steps for a number of samples."
 _SOURCE = "thesis sections 5.4.2 and 5.6.4, Eq. 5.3, Tables 5.1 and 5.4, Figs 5.5 and 5.13"
-STUDY = Study("placement", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
+STUDY: Study = Study(
+    "placement", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
+)

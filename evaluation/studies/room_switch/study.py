@@ -255,6 +255,6 @@ def _pictures(
 
 _ABOUT = "A room of chairs in BTFs, BRDFs, and switched at the critical viewing distance."
 _SOURCE = "thesis section 3.3.5, Fig. 3.18, Table 3.4"
-STUDY = Study(
+STUDY: Study = Study(
     "room-switch", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots, keeps=True
 )

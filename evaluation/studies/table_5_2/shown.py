@@ -48,8 +48,8 @@ def _set_table(about: str, found: Mapping[str, Any]) -> Any:
 
 
 def _cells(ratio: Mapping[str, Any]) -> list[str]:
-    cells = ("{published:.2f}×", "{ours:.2f} ± {standard_error:.2f}×", "{median:.2f}×")
-    cells += ("{of_mean_errors:.2f}×", "{slices_better} of {schemes}")
+    cells = ["{published:.2f}×", "{ours:.2f} ± {standard_error:.2f}×", "{median:.2f}×"]
+    cells += ["{of_mean_errors:.2f}×", "{slices_better} of {schemes}"]
     return [cell.format_map(ratio) for cell in cells]
 
 

@@ -207,4 +207,6 @@ def _both_splines(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 _ABOUT = "Table 5.2: adaptive slices against uniform schemes, barycentric and by RBF."
 _SOURCE = "thesis sections 5.5.2 and D.3, Table 5.2, Fig. 5.8"
-STUDY = Study("table-5-2", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)
+STUDY: Study = Study(
+    "table-5-2", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
+)

@@ -8,12 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.options import Brdf, Format, Overwrite
 from simrig.cli.outputs import output_file, output_folder
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
 
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
 
 
 def info(file: _File) -> frame.Report:
@@ -102,10 +102,8 @@ def fill(
 
 def average(
     file: _File,
-    output: Annotated[Path, typer.Option(help="The BRDF: .h5, or another format by its ending.")],
-    format: Annotated[
-        str | None, typer.Option(help="See 'simrig convert'; by the ending else.")
-    ] = None,
+    output: Brdf,
+    format: Format = None,
     overwrite: Overwrite = False,
 ) -> frame.Report:
     """Average a BTF over its texels: the BRDF that 'render' and 'compare' take."""

@@ -5,45 +5,19 @@ from __future__ import annotations
 import shutil
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from simrig.cli import frame
-from simrig.cli.btf.files import (
-    Overwrite,
-    average,
-    convert,
-    described,
-    fill,
-    from_slices,
-    info,
-    mega,
-)
+from simrig.cli.btf.files import described, mega
 from simrig.cli.effect_options import plan_table
+from simrig.cli.options import Overwrite
 from simrig.cli.outputs import output_file
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
 
-if TYPE_CHECKING:
-    pass
-
 _DIRECTIONS, _GANTRY = "81x81", "gantry"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    group = typer.Typer(help="BTFs: measure, look at, convert, fill, average.")
-    for name, function in (
-        ("measure", measure),
-        ("info", info),
-        ("convert", convert),
-        ("fill", fill),
-        ("average", average),
-        ("from-slices", from_slices),
-    ):
-        frame.command(group, name)(function)
-    app.add_typer(group, name="btf")
 
 
 def measure(

@@ -1,0 +1,57 @@
+"""Options and arguments that several commands have, and the pictures that they write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from simrig.core.errors import SimrigError
+
+Material = Annotated[str, typer.Argument(help="A built-in material or a material file.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
+IntoFolder = Annotated[
+    bool, typer.Option("--overwrite", help="Add the results to a folder that holds other files.")
+]
+Brdf = Annotated[Path, typer.Option(help="The BRDF: .h5, or another format by its ending.")]
+Format = Annotated[str | None, typer.Option(help="See 'simrig convert'; by the ending else.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of the random numbers.")]
+Spp = Annotated[int, typer.Option(min=1, help="Samples per pixel.")]
+Variant = Annotated[str, typer.Option(help="Mitsuba variant, or 'auto'.")]
+Exposure = Annotated[
+    float | None, typer.Option(help="Factor before a picture is shown; what suits it else.")
+]
+Workers = Annotated[
+    int, typer.Option(min=1, help="Processes; more than one need simrig\\[studies].")
+]
+
+
+def check_exposure(exposure: float | None) -> None:
+    """Refuse an exposure that is no number above 0."""
+    if exposure is not None and not 0.0 < exposure < float("inf"):
+        raise SimrigError(f"--exposure must be a number above 0, got {exposure:g}")
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse to write a picture in a format that is none of ours."""
+    if path is not None and path.suffix.lower() not in (".png", ".exr"):
+        raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
+
+
+def write_picture(path: Path, image: Any, exposure: float = 1.0, **about: Any) -> float:
+    """Write linear RGB as EXR or PNG, and return the exposure at which the file shows it.
+
+    Args:
+        path: ending in .exr or .png.
+        image: (height, width, 3).
+        exposure: of a PNG; an EXR holds the values as they are.
+        about: metadata; ``unit`` is that of an EXR's values.
+    """
+    from simrig.files.images import write_exr, write_png
+
+    if path.suffix.lower() == ".exr":
+        write_exr(path, image, about)
+        return 1.0
+    write_png(path, image, exposure, {key: about[key] for key in about if key != "unit"})
+    return exposure
