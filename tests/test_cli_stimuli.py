@@ -143,7 +143,7 @@ def test_a_file_is_not_measured_in_another_way(tmp_path: Path) -> None:
 def test_outputs_are_pictures_and_are_not_replaced_unasked(
     tmp_path: Path, command: tuple[str, ...]
 ) -> None:
-    assert "ends in .png or .exr" in refused(*command, "--output", tmp_path / "new.jpg")
+    assert "ends in .exr or .png" in refused(*command, "--output", tmp_path / "new.jpg")
     path = tmp_path / "old.png"
     path.write_bytes(b"old")
     assert "--overwrite" in refused(*command, "--output", path)

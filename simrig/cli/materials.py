@@ -77,7 +77,7 @@ def _draw(brdf: Brdf, path: Path, overwrite: bool) -> str:
     image = brdf_picture(brdf, [e for e in THETAS_DEG if e <= top])
     exposure = brdf_exposure(image)
     with output_file(path, overwrite) as temporary:
-        write_picture(temporary, image, exposure, material=brdf.name, unit="1/sr")
+        write_picture(temporary, image, {"material": brdf.name, "unit": "1/sr"}, exposure)
     height, width = image.shape[:2]
     shown = "" if path.suffix == ".exr" else f", exposure {exposure:.3g}"
     return (

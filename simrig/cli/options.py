@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,17 +37,17 @@ def check_exposure(exposure: float | None) -> None:
 def check_picture(path: Path | None) -> None:
     """Refuse to write a picture in a format that is none of ours."""
     if path is not None and path.suffix.lower() not in (".png", ".exr"):
-        raise SimrigError(f"a picture ends in .png or .exr, not '{path.suffix}'")
+        raise SimrigError(f"a picture ends in .exr or .png, not '{path.suffix}'")
 
 
-def write_picture(path: Path, image: Any, exposure: float = 1.0, **about: Any) -> float:
+def write_picture(path: Path, image: Any, about: Mapping[str, Any], exposure: float = 1.0) -> float:
     """Write linear RGB as EXR or PNG, and return the exposure at which the file shows it.
 
     Args:
         path: ending in .exr or .png.
         image: (height, width, 3).
-        exposure: of a PNG; an EXR holds the values as they are.
         about: metadata; ``unit`` is that of an EXR's values.
+        exposure: of a PNG; an EXR holds the values as they are.
     """
     from simrig.files.images import write_exr, write_png
 

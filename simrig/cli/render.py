@@ -133,7 +133,7 @@ def render(
         plan = planned.as_dict() if planned else None
         held_plan = {"plan": json.dumps(plan)} if plan else {}  # a header holds strings
         for path in files:
-            write_picture(path, result.image, exposure, **about, **held_plan)
+            write_picture(path, result.image, about | held_plan, exposure)
     height, width, _ = result.image.shape
     sizes = {"files": files, "width": width, "height": height}
     return frame.Report(

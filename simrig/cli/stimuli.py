@@ -235,7 +235,7 @@ def _write(path: Path, result: RenderResult, name: str) -> float:
     from simrig.rendering.render import display_exposure
 
     exposure = 1.0 if path.suffix.lower() == ".exr" else display_exposure(result.image)
-    return write_picture(path, result.image, exposure, material=name, unit="radiance")
+    return write_picture(path, result.image, {"material": name, "unit": "radiance"}, exposure)
 
 
 def _report(path: Path, result: RenderResult, about: dict[str, Any]) -> frame.Report:

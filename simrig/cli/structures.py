@@ -78,6 +78,6 @@ def _draw(tile: Any, path: Path, overwrite: bool) -> str:
     backend.select()
     with output_file(path, overwrite) as temporary:
         image = render(tile_scene(tile, resolution=_PICTURE_PIXELS), spp=_PICTURE_SPP).image
-        write_picture(temporary, image, material=tile.name, unit="radiance")
+        write_picture(temporary, image, {"material": tile.name, "unit": "radiance"})
     width = 3.0 * tile.size_mm[0]
     return f"{path}: {_PICTURE_PIXELS} × {_PICTURE_PIXELS}, {width:g} mm wide, oblique light"
