@@ -25,8 +25,8 @@ class Pile:
     Attributes:
         colour: linear RGB albedo.
         size_mm: of the tile; the width is a whole number of wales.
-        wale: distance of the wales, mm; None for an even pile (velvet).
         height: of the pile, mm.
+        wale: distance of the wales, mm; None for an even pile (velvet).
         density: fibres per mm².
         radius: of a fibre, mm.
         lean: how far the tips are combed towards −y, over the height.
@@ -38,8 +38,8 @@ class Pile:
 
     colour: tuple[float, float, float]
     size_mm: tuple[float, float]
-    wale: float | None
     height: float
+    wale: float | None = None
     density: float = 90.0
     radius: float = 0.03
     lean: float = 0.25

@@ -1,16 +1,62 @@
-"""The virtual materials by name."""
+"""The virtual materials by name, from ``materials.toml``."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
 
 from simrig.core.errors import unknown_name
-from simrig.mesostructure.fabrics import FABRICS
+from simrig.mesostructure.bsdfs import fibre
+from simrig.mesostructure.ceramic import Mosaic
+from simrig.mesostructure.fibres import Nonwoven
+from simrig.mesostructure.grains import Sandpaper
+from simrig.mesostructure.knit import Knit
+from simrig.mesostructure.leather import Leather
+from simrig.mesostructure.pile import Carpet, Pile
 from simrig.mesostructure.preset import Preset
-from simrig.mesostructure.solids import SOLIDS
 from simrig.mesostructure.tile import Tile
+from simrig.mesostructure.weave import Weave
+from simrig.mesostructure.wood import Spindles, Wood
+from simrig.mesostructure.yarn import Yarn
 
-PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in (*FABRICS, *SOLIDS)}
+_KINDS: dict[str, Any] = {
+    kind.__name__.lower(): kind
+    for kind in (Carpet, Knit, Leather, Mosaic, Nonwoven, Pile, Sandpaper, Weave, Wood)
+}
+_PARTS: dict[str, Any] = {
+    **dict.fromkeys(("warp", "weft", "yarn"), Yarn),
+    **dict.fromkeys(("vessels", "rays"), Spindles),
+}
+
+
+def _presets() -> dict[str, Preset]:
+    read = tomllib.loads(files(__package__).joinpath("materials.toml").read_text("utf-8"))
+    looks = {name: fibre(**about) for name, about in read["looks"].items()}
+
+    def made(key: str, value: Any) -> Any:
+        """Return a value as the parameters of structures take it."""
+        if key == "look":
+            return looks[value]
+        if isinstance(value, list):
+            return tuple(made("", item) for item in value)
+        if isinstance(value, dict):
+            return _PARTS[key](**{name: made(name, item) for name, item in value.items()})
+        return value
+
+    found = {}
+    for name, about in read["materials"].items():
+        own = {
+            key: about.pop(key) for key in ("group", "description", "resolution") if key in about
+        }
+        kind = _KINDS[about.pop("kind")]
+        structure = kind(**{key: made(key, value) for key, value in about.items()})
+        found[name] = Preset(name, structure=structure, **own)
+    return found
+
+
+PRESETS: Mapping[str, Preset] = _presets()
 
 
 def build_tile(name: str, seed: int = 0, resolution: int | None = None) -> Tile:
