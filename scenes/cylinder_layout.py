@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known
 from simrig.scenes.perspective import focal_pixels
 from simrig.scenes.stimuli import CYLINDER_RADIUS
 
@@ -61,8 +61,7 @@ def cylinder_row(experiment: str) -> CylinderRow:
     Raises:
         SimrigError: another name.
     """
-    if experiment not in ROWS:
-        raise unknown_name("experiment", experiment, ROWS)
+    check_known("experiment", experiment, ROWS)
     return ROWS[experiment]
 
 

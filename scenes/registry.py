@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known
 from simrig.scenes.maps import environment_map, map_spheres
 from simrig.scenes.receding_cylinders import receding_cylinders
 from simrig.scenes.room import room
@@ -66,10 +66,8 @@ def build_scene(name: str, bsdf: Any, **options: Any) -> dict:
     Raises:
         SimrigError: unknown scene or option, or an option's value that the scene refuses.
     """
-    if name not in SCENES:
-        raise unknown_name("scene", name, SCENES)
+    check_known("scene", name, SCENES)
     entry = SCENES[name]
     for option in options:
-        if option not in entry.options:
-            raise unknown_name(f"option of scene '{name}'", option, entry.options)
+        check_known(f"option of scene '{name}'", option, entry.options)
     return entry.build(bsdf, **options)

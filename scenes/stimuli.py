@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.scenes.latlong import builtin_environment
 from simrig.scenes.lights import DirectionalLights
 from simrig.scenes.median_cut import median_cut
@@ -143,8 +143,7 @@ def cylinder(
     Raises:
         SimrigError: unknown side.
     """
-    if light not in LIGHT_SIDES:
-        raise unknown_name("side of the light", light, LIGHT_SIDES)
+    check_known("side of the light", light, LIGHT_SIDES)
     nearest = float(np.hypot(CYLINDER_RADIUS, CYLINDER_HEIGHT / 2.0))
     position = lamp_position(light_theta_deg, LIGHT_SIDES[light], light_distance, nearest)
     half = CYLINDER_HEIGHT / 2.0

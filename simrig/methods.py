@@ -18,7 +18,7 @@ from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Tolerance
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.core.options import Option, checked_options
 from simrig.plans.auto.plan import LEAST_SAMPLES
 from simrig.plans.protocol import Plan
@@ -186,8 +186,7 @@ def method(name: str) -> Method:
     Raises:
         SimrigError: unknown name, with the nearest known one.
     """
-    if name not in METHODS:
-        raise unknown_name("method", name, METHODS)
+    check_known("method", name, METHODS)
     return METHODS[name]
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Tolerance
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.evaluation.convergence.ledger import Ledger
 from simrig.evaluation.convergence.results import Convergence, Point, Reference, fit_rate
 from simrig.evaluation.metrics.images import foreground_mask, psnr_from_mse
@@ -135,11 +135,9 @@ def _methods(
     scene: Any, integrators: Sequence[str], samplers: Sequence[str]
 ) -> list[tuple[str, str]]:
     for name in integrators:
-        if name not in INTEGRATORS:
-            raise unknown_name("integrator", name, INTEGRATORS)
+        check_known("integrator", name, INTEGRATORS)
     for name in samplers:
-        if name not in SAMPLERS:
-            raise unknown_name("sampler", name, SAMPLERS)
+        check_known("sampler", name, SAMPLERS)
     own = scene.get("integrator") if isinstance(scene, Mapping) else None
     twice = isinstance(own, Mapping) and REFERENCE in integrators and _traces_all_bounces(own)
     kept = [name for name in dict.fromkeys(integrators) if not (twice and name == "scene")]

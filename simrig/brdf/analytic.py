@@ -10,7 +10,7 @@ import numpy as np
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.arrays import Array, components, namespace, read_only, scale
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 
 _TINY = 1e-12  # keeps denominators away from zero; far below any cosine that carries light
 
@@ -113,8 +113,7 @@ class Ward(Brdf):
         variant: str = "bounded",
         name: str = "ward",
     ):
-        if variant not in self.VARIANTS:
-            raise unknown_name("Ward variant", variant, self.VARIANTS)
+        check_known("Ward variant", variant, self.VARIANTS)
         self.k_d, self.k_s = _colour("k_d", k_d), _colour("k_s", k_s)
         self.m_x = _number("m_x", m_x, 0.005, 3.0)
         self.m_y = _number("m_y", m_y, 0.005, 3.0)

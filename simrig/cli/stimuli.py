@@ -158,14 +158,13 @@ def room(
 ) -> frame.Report:
     """Render the room of chairs (Fig. 3.18); materials that are no files are measured first."""
     from simrig.core import backend
-    from simrig.core.errors import unknown_name
+    from simrig.core.errors import check_known, unknown_name
     from simrig.rendering.render import render
     from simrig.scenes.room import ROOM_PARTS
     from simrig.viewing.room import DISTANCES, FORMS, Room, distances_mm, room_materials
 
     check_picture(output)
-    if form not in FORMS:
-        raise unknown_name("form of the room", form, FORMS)
+    check_known("form of the room", form, FORMS)
     if distances is not None and distances not in DISTANCES:
         raise unknown_name("distances", distances, DISTANCES)
     if distances is not None and distance is not None:

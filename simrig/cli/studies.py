@@ -9,7 +9,7 @@ import typer
 
 from simrig.cli import frame
 from simrig.cli.options import Workers
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 
 if TYPE_CHECKING:
     from simrig.evaluation.studies.engine.run import StudyResults
@@ -109,8 +109,7 @@ def bench(
             data={"benchmarks": [{"name": known, "about": about} for known, about in rows]},
             shown=[frame.table(("benchmark", "about"), rows)],
         )
-    if name not in BENCHMARKS:
-        raise unknown_name("benchmark", name, BENCHMARKS)
+    check_known("benchmark", name, BENCHMARKS)
     module = BENCHMARKS[name]
     with frame.progress(name) as report:
         results = module.run(report)

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known, unknown_name
 from simrig.core.shown import Exhibit, Shown
 
 # metric of a tolerance: the unit in which changes are bounded and add up
@@ -42,8 +42,7 @@ class Tolerance:
     value: float
 
     def __post_init__(self) -> None:
-        if self.metric not in UNITS:
-            raise unknown_name("tolerance", self.metric, UNITS)
+        check_known("tolerance", self.metric, UNITS)
         if not 0.0 < self.value < math.inf:
             raise SimrigError(f"a tolerance must be a finite number above 0, got {self.value:g}")
 
@@ -286,8 +285,7 @@ class Overrides:
         """Raise SimrigError for the name of an effect that is not known."""
         known = list(known)
         for name in (*self.enable, *self.disable):
-            if name not in known:
-                raise unknown_name("effect", name, known)
+            check_known("effect", name, known)
 
     def of(self, effect: str, bound: Bound | None = None) -> tuple[bool, str] | None:
         """Return (on, why) when the user decided about an effect, else None."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 _ALSO = {"delta-e": "dE", "delta-e-1976": "dE"}  # what people write for names of ours
 
@@ -33,6 +33,12 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> SimrigError:
     near = difflib.get_close_matches(_plain(name), spelt, n=1, cutoff=0.4)
     hint = f"did you mean '{spelt[near[0]]}'? " if near else ""
     return SimrigError(f"unknown {kind} '{name}': {hint}known: {', '.join(names)}")
+
+
+def check_known(kind: str, name: str, known: Collection[str]) -> None:
+    """Refuse a name that is none of those that are known; see ``unknown_name``."""
+    if name not in known:
+        raise unknown_name(kind, name, known)
 
 
 def _plain(name: str) -> str:

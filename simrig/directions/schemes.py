@@ -33,7 +33,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.directions.spherical import to_vector
 
 _LADDER_DEG = (60, 36, 30, 20, 18, 12, 10, 6)  # azimuth steps of the uniform schemes
@@ -199,6 +199,5 @@ def scheme(name: str) -> HemisphereScheme:
     Raises:
         SimrigError: unknown name, with the nearest known one.
     """
-    if name not in SCHEMES:
-        raise unknown_name("scheme", name, SCHEMES)
+    check_known("scheme", name, SCHEMES)
     return SCHEMES[name]()

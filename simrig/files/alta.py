@@ -23,7 +23,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.from_samples import assemble, half_difference_table
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.core.colour import FROM_XYZ
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.directions.half_difference import from_half_difference
 from simrig.directions.spherical import to_vector
 from simrig.files.atomic import existing_file
@@ -273,8 +273,7 @@ def _structure(path: Path, header: dict[str, list[str]]) -> tuple[int, int, str]
         ) from error
     if name in _NOT_READ:
         raise SimrigError(f"ALTA file '{path}' is in {name}: {_NOT_READ[name]}")
-    if name not in _KNOWN:
-        raise unknown_name("ALTA parameterisation", name, _KNOWN)
+    check_known("ALTA parameterisation", name, _KNOWN)
     if inputs != _KNOWN[name].inputs or outputs not in (1, 3):
         raise SimrigError(
             f"ALTA file '{path}' has {inputs} inputs and {outputs} outputs; {name} has "
@@ -290,8 +289,7 @@ def _output(path: Path, header: dict[str, list[str]], outputs: int) -> str:
     unit = (header.get("PARAM_OUT") or ["UNKNOWN_OUTPUT"])[0]
     if unit == "ENERGY":
         raise SimrigError(f"ALTA file '{path}' holds ENERGY, not f_r in 1/sr: it cannot be used")
-    if unit not in _OUTPUTS:
-        raise unknown_name("ALTA output", unit, _OUTPUTS)
+    check_known("ALTA output", unit, _OUTPUTS)
     if unit == "XYZ_COLOR" and outputs != 3:
         raise SimrigError(f"ALTA file '{path}' says XYZ_COLOR and has {outputs} outputs")
     return unit

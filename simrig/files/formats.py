@@ -13,7 +13,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable
 from simrig.brdf.tables.resample import resample_dense, resample_isotropic
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known, unknown_name
 from simrig.files import alta, astm, bird, cornell, hdf5, merl, ubo, utia, zemax
 from simrig.files.arrays import reader as arrays
 from simrig.files.btf.hdf5 import CONTENT as BTF
@@ -404,8 +404,7 @@ def checked_writer(name: str, options: dict[str, Any]) -> Callable[..., Any]:
     Raises:
         SimrigError: an unknown format or one that cannot be written, an unknown option.
     """
-    if name not in WRITERS:
-        raise unknown_name("format to write", name, WRITERS)
+    check_known("format to write", name, WRITERS)
     writer, known = WRITERS[name]
     unknown = sorted(set(options) - set(known))
     if unknown:

@@ -20,7 +20,7 @@ import numpy as np
 
 import simrig
 from simrig.brdf.protocol import Brdf
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.files.atomic import atomic_write, existing_file
 from simrig.files.full_disk import FileOnFullDisk
 from simrig.files.heaps import check_heaps
@@ -235,8 +235,7 @@ def read_brdf(path: str | Path) -> Brdf:
     """
     with open_checked(path, "brdf") as file:
         kind = name_now(_text(file.attrs.get("kind")))
-        if kind not in KINDS:
-            raise unknown_name("kind of stored reflectance", kind, KINDS)
+        check_known("kind of stored reflectance", kind, KINDS)
         module, class_name = KINDS[kind]
         attributes = file["structure"].attrs.items()
         structure = names_now({key: _plain(value) for key, value in attributes})

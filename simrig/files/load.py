@@ -17,7 +17,7 @@ from simrig.brdf import (
 )
 from simrig.brdf.plausibility import Plausibility, plausibility
 from simrig.brdf.tables.resample import ResamplingError, resampling_error
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known, unknown_name
 from simrig.files import hdf5, utia
 from simrig.files.atomic import existing_file
 from simrig.files.formats import (
@@ -81,8 +81,7 @@ def load_material(spec: str | Path, clamp_negative: bool = False, **options: Any
     """
     known = [option.name for option in fields(ReadOptions)]
     for name in options:
-        if name not in known:
-            raise unknown_name("option of reading", name, known)
+        check_known("option of reading", name, known)
     return read_material(spec, ReadOptions(clamp_negative, **options)).brdf
 
 

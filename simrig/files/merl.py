@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable, fill_invalid
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.files.atomic import atomic_write, existing_file
 
 SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
@@ -39,8 +39,7 @@ def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -
     Raises:
         SimrigError: other dimensions, a truncated or too long file, NaN or infinite values.
     """
-    if invalid not in INVALID:
-        raise unknown_name("treatment of invalid MERL bins", invalid, INVALID)
+    check_known("treatment of invalid MERL bins", invalid, INVALID)
     path = existing_file(path)
     shape = _checked_shape(path)
     planes = np.fromfile(path, dtype="<f8", offset=_HEADER).reshape(3, *shape)

@@ -26,7 +26,7 @@ import numpy as np
 from simrig.brdf.checks import CLAMP, check_values, without_negative
 from simrig.brdf.tables.dense import DenseTable
 from simrig.core.colour import FROM_XYZ
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.files.atomic import atomic_write, existing_file
 
 ENCODINGS = ("linear", "srgb")
@@ -238,10 +238,8 @@ def _table(
     colour: str,
     clamp_negative: bool,
 ) -> DenseTable:
-    if encoding not in ENCODINGS:
-        raise unknown_name("UTIA encoding", encoding, ENCODINGS)
-    if colour not in COLOURS:
-        raise unknown_name("UTIA colour", colour, COLOURS)
+    check_known("UTIA encoding", encoding, ENCODINGS)
+    check_known("UTIA colour", colour, COLOURS)
     if not 0.0 < factor < np.inf:
         raise SimrigError(f"the factor of '{path}' must be above 0, got {factor:g}")
     if colour == "xyz":

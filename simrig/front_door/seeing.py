@@ -9,7 +9,7 @@ import numpy as np
 
 from simrig.btf.stack import BtfStack
 from simrig.core import backend
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.files.pictures import names_picture, read_image
 from simrig.front_door.materials import load
 from simrig.mesostructure import PRESETS, Tile, build_tile
@@ -86,8 +86,7 @@ def stimulus_of(
 
     Args, Raises: as ``critical_distance``.
     """
-    if stimulus not in STIMULI:
-        raise unknown_name("stimulus", stimulus, STIMULI)
+    check_known("stimulus", stimulus, STIMULI)
     for name, count in (("spp", spp), ("texels", texels)):
         if count is not None and not (isinstance(count, int) and count >= 1):
             raise SimrigError(f"{name} must be a whole number >= 1, got {count!r}")

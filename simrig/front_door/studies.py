@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simrig.brdf.protocol import Brdf
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.base import Study
 from simrig.evaluation.studies.engine.run import StudyResults, run_study
@@ -97,8 +97,7 @@ def study(
         SimrigError: an unknown study or preset, or a folder of another configuration.
     """
     chosen = find_study(name)
-    if preset not in chosen.presets:
-        raise unknown_name("preset", preset, chosen.presets)
+    check_known("preset", preset, chosen.presets)
     place = Path(folder) if folder is not None else study_folder(name, preset)
     return run_study(chosen, chosen.presets[preset], place, scheduler, workers, progress)
 
@@ -109,8 +108,7 @@ def find_study(name: str) -> Study:
     Raises:
         SimrigError: unknown name, with the nearest known one.
     """
-    if name not in STUDIES:
-        raise unknown_name("study", name, STUDIES)
+    check_known("study", name, STUDIES)
     return STUDIES[name]
 
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known, unknown_name
 from simrig.files.atomic import existing_file
 from simrig.instruments.instrument import AXES
 from simrig.instruments.quantity import (
@@ -230,8 +230,7 @@ def shipped(name: str) -> Description:
     Raises:
         SimrigError: unknown name, with the nearest known one.
     """
-    if name not in SHIPPED:
-        raise unknown_name("instrument", name, SHIPPED)
+    check_known("instrument", name, SHIPPED)
     text = files("simrig.instruments").joinpath(SHIPPED[name]).read_text(encoding="utf-8")
     return described(tomllib.loads(text))
 
@@ -267,8 +266,7 @@ def described(table: Mapping[str, Any]) -> Description:
         raise SimrigError(
             f"[instrument] needs a 'kind' in quotes, one of: {', '.join(sorted(KINDS))}"
         )
-    if about["kind"] not in KINDS:
-        raise unknown_name("kind of instrument", about["kind"], KINDS)
+    check_known("kind of instrument", about["kind"], KINDS)
     kind = KINDS[about["kind"]]
     try:
         return kind.model_validate(table)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known
 from simrig.mesostructure.bsdfs import fibre
 from simrig.mesostructure.ceramic import Mosaic
 from simrig.mesostructure.fibres import Nonwoven
@@ -71,6 +71,5 @@ def build_tile(name: str, seed: int = 0, resolution: int | None = None) -> Tile:
     Raises:
         SimrigError: unknown name, seed that is no whole number, resolution out of range.
     """
-    if name not in PRESETS:
-        raise unknown_name("material with structure", name, PRESETS)
+    check_known("material with structure", name, PRESETS)
     return PRESETS[name](seed=seed, resolution=resolution)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.mesostructure.bsdfs import solid
 from simrig.mesostructure.heightfield import backing, steps_along
 from simrig.mesostructure.tile import Part
@@ -72,8 +72,7 @@ class Weave:
     figure: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.pattern not in PATTERNS:
-            raise unknown_name("weave", self.pattern, PATTERNS)
+        check_known("weave", self.pattern, PATTERNS)
         if not min(self.spacing) > 0.0:
             raise SimrigError(f"the spacing of yarns must be > 0 mm, got {self.spacing}")
         rows, columns = PATTERNS[self.pattern].shape

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,5 @@ def predict_distance(feature: str, structure_mm: float, value: float) -> float:
     Raises:
         SimrigError: an unknown feature, or values that are negative or not finite.
     """
-    if feature not in PUBLISHED_MODELS:
-        raise unknown_name("feature with a published model", feature, PUBLISHED_MODELS)
+    check_known("feature with a published model", feature, PUBLISHED_MODELS)
     return float(PUBLISHED_MODELS[feature].distance(structure_mm, value))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import label, maximum_filter
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.perception.grey import grey_image
 
 _FLAT = 1e-9  # standard deviation, in displayed grey, below which nothing is structure
@@ -40,8 +40,7 @@ def structure_size(
     Raises:
         SimrigError: not an image, a scale that is not positive, or an unknown method.
     """
-    if method not in METHODS:
-        raise unknown_name("method to find the structure", method, METHODS)
+    check_known("method to find the structure", method, METHODS)
     image = grey_image(textured)
     sides = np.broadcast_to(np.asarray(pixel_mm, dtype=np.float64), 2)
     if not (np.isfinite(sides) & (sides > 0.0)).all():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.core.options import Option
 from simrig.plans.adaptive import AdaptiveSamples, Knots, refinement
 from simrig.plans.placement import SlicePlacement, SubspacePlacement, optimal_placement
@@ -57,8 +57,7 @@ class SlicePlan(Plan):
     p_2: int = 5
 
     def __post_init__(self) -> None:
-        if self.slice_types not in SLICE_TYPES:
-            raise unknown_name("slice types", self.slice_types, SLICE_TYPES)
+        check_known("slice types", self.slice_types, SLICE_TYPES)
 
     @classmethod
     def for_material(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known
 from simrig.core.options import checked_options
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.auto.plan import AutomaticPlan
@@ -39,8 +39,7 @@ def plan_type(name: str) -> type[Plan]:
     Raises:
         SimrigError: unknown name, with the nearest known one.
     """
-    if name not in PLANS:
-        raise unknown_name("plan", name, PLANS)
+    check_known("plan", name, PLANS)
     return PLANS[name]
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known
 
 if TYPE_CHECKING:
     from simrig.plans.placement import SlicePlacement
@@ -66,8 +66,7 @@ def build_slices(placement: SlicePlacement, slice_types: str = "all") -> Slices:
     Raises:
         SimrigError: for unknown slice types.
     """
-    if slice_types not in SLICE_TYPES:
-        raise unknown_name("slice types", slice_types, SLICE_TYPES)
+    check_known("slice types", slice_types, SLICE_TYPES)
     found = _subspace_slices(placement)
     if slice_types == "all":
         found += _horizontal_slices(placement)

@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.core import backend
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.files.images import encode_srgb
 from simrig.plugins.make import building
 from simrig.rendering.pixel_samples import probe_centres, shape_numbers
@@ -100,8 +100,7 @@ def distance_map(
     names = [(shape.id(), shape.bsdf().id() if shape.bsdf() else "") for shape in loaded.shapes()]
     known = tuple(dict.fromkeys(name for pair in names for name in pair if name))
     for name in critical_m:
-        if name not in known:
-            raise unknown_name("shape or material of the scene", name, known)
+        check_known("shape or material of the scene", name, known)
     distance, index, shape = _first_hits(loaded)
     table = np.array([critical_m.get(own, critical_m.get(bsdf, np.nan)) for own, bsdf in names])
     critical = np.where(np.isfinite(distance), table[index], np.nan)

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.core.effects import parse_tolerance
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.mesostructure import PRESETS
 from simrig.planning import plan_scene
 from simrig.planning.mesostructure import structured_materials
@@ -62,8 +62,7 @@ class Room:
         Raises:
             SimrigError: another form.
         """
-        if form not in FORMS:
-            raise unknown_name("form of the room", form, FORMS)
+        check_known("form of the room", form, FORMS)
         return room({part: self.bsdf(part, form) for part in ROOM_PARTS}, self.resolution, shadows)
 
     def bsdf(self, part: str, form: str) -> Any:
@@ -93,8 +92,7 @@ def room_materials(
         SimrigError: a part that there is none of, or what ``stimulus_stack`` refuses.
     """
     for part in names or {}:
-        if part not in ROOM_PARTS:
-            raise unknown_name("part of the room", part, ROOM_PARTS)
+        check_known("part of the room", part, ROOM_PARTS)
     chosen = {**ROOM_PARTS, **(names or {})}
     made: dict[str, StimulusMaterial] = {}  # by name: a material of several parts is made once
     # what is measured takes minutes: a file that cannot be used is refused before
@@ -120,8 +118,7 @@ def distances_mm(
     Raises:
         SimrigError: another source, or what ``predicted_distances_mm`` refuses.
     """
-    if source not in DISTANCES:
-        raise unknown_name("distances", source, DISTANCES)
+    check_known("distances", source, DISTANCES)
     if source == "groups":
         return group_distances_mm()
     return predicted_distances_mm(materials, progress)

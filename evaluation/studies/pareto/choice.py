@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.evaluation.metrics.images import PEAK
 from simrig.evaluation.metrics.meanings import BRDF_METRICS, COSTS, IMAGE_METRICS, Metric
 from simrig.viewing.plots import pareto_front
@@ -96,8 +96,7 @@ def find_metric(name: str) -> ErrorColumn:
     Raises:
         SimrigError: unknown name, with the nearest known one.
     """
-    if name not in METRICS:
-        raise unknown_name("metric", name, METRICS)
+    check_known("metric", name, METRICS)
     return METRICS[name]
 
 

@@ -20,7 +20,7 @@ from simrig.core.arrays import (
     scale,
     to_index,
 )
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 
 BEYOND = ("hold", "fade")
 _LARGEST_TABLE = 2**31 // 3  # colours that 32-bit indices of single channels can reach
@@ -64,8 +64,7 @@ class DenseTable(Brdf):
         if values.dtype not in (np.float32, np.float64):
             values = values.astype(np.float64)
         _check_shape(values.shape)
-        if beyond not in BEYOND:
-            raise unknown_name("behaviour beyond theta_max", beyond, BEYOND)
+        check_known("behaviour beyond theta_max", beyond, BEYOND)
         n_theta = values.shape[0]
         theta_max = (n_theta - 1) * theta_step if theta_max is None else theta_max
         _check_thetas(n_theta, theta_step, theta_max)

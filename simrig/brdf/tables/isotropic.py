@@ -12,7 +12,7 @@ from simrig.brdf.checks import check_values
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.packed import Colours, colour_table
 from simrig.core.arrays import Array, multiply_add, namespace, read_only, to_index
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.directions.half_difference import from_half_difference, to_half_difference
 
 LOOKUPS = ("linear", "nearest")
@@ -61,8 +61,7 @@ class IsotropicTable(Brdf):
                 "an isotropic table must have shape (n_theta_h, n_theta_d, n_phi_d, 3) with at "
                 f"least two bins each, got {values.shape}"
             )
-        if lookup not in LOOKUPS:
-            raise unknown_name("lookup", lookup, LOOKUPS)
+        check_known("lookup", lookup, LOOKUPS)
         check_values(values, f"table '{name}'")
         self.values, self.lookup, self.name = read_only(values), lookup, name
         self.theta_max, self.reciprocal = float(theta_max), bool(reciprocal)

@@ -23,7 +23,7 @@ import numpy as np
 
 from simrig.btf.stack import BtfStack, checked_size
 from simrig.core.colour import FROM_XYZ
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.btf.recording import BtfWriter
 from simrig.files.btf.source import ANGLES, BtfPictures, find_pictures
@@ -53,8 +53,7 @@ class PixelValues:
     with_cosine: bool = False
 
     def __post_init__(self) -> None:
-        if self.colour not in COLOURS:
-            raise unknown_name("colour of BTF pictures", self.colour, COLOURS)
+        check_known("colour of BTF pictures", self.colour, COLOURS)
         if not np.isfinite(self.factor) or self.factor <= 0.0:
             raise SimrigError(f"the factor of BTF pictures must be above 0, got {self.factor}")
 

@@ -19,7 +19,7 @@ from simrig.brdf.checks import CLAMP
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.core.colour import FROM_XYZ, TO_XYZ
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known, unknown_name
 from simrig.directions.spherical import to_vector
 from simrig.files.atomic import atomic_write
 from simrig.files.window import xml
@@ -122,8 +122,7 @@ def write_klems(path: str | Path, brdf: Brdf, basis: str = "LBNL/Klems Full") ->
     Raises:
         SimrigError: an unknown basis.
     """
-    if basis not in BASES:
-        raise unknown_name("Klems basis", basis, BASES)
+    check_known("Klems basis", basis, BASES)
     values = _values(brdf, BASES[basis])
     xyz = np.maximum(values[_opposite(BASES[basis])] @ TO_XYZ.T, 0.0).swapaxes(0, 1)
     names = f"<ColumnAngleBasis>{basis}</ColumnAngleBasis>\n<RowAngleBasis>{basis}</RowAngleBasis>"

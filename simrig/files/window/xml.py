@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.files.atomic import existing_file
 
 SIDES = ("front", "back")
@@ -105,8 +105,7 @@ def choose_side(
     """
     held = [s for s in SIDES if any(b.side == s and b.colour == "Y" for b in blocks)]
     if side is not None:
-        if side not in SIDES:
-            raise unknown_name("side of a BSDF", side, SIDES)
+        check_known("side of a BSDF", side, SIDES)
         if side not in held:
             raise SimrigError(
                 f"'{path}' holds no reflection of the {side}, only: {', '.join(held)}"

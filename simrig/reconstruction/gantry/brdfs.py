@@ -19,7 +19,7 @@ import numpy as np
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.plans.gantry import MeasuredByGantry, measured_plan
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
@@ -82,10 +82,8 @@ def reconstruct_gantry(
     Raises:
         SimrigError: unknown names, sizes that cannot be, POT missing for method BD.
     """
-    if method not in METHODS:
-        raise unknown_name("gantry method", method, METHODS)
-    if transport not in TRANSPORTS:
-        raise unknown_name("transport", transport, TRANSPORTS)
+    check_known("gantry method", method, METHODS)
+    check_known("transport", transport, TRANSPORTS)
     if azimuths != int(azimuths) or azimuths < 2 or not 0.5 <= theta_step_deg <= 90.0:
         raise SimrigError(
             f"a table of {azimuths} azimuths and polar angle steps {theta_step_deg:g}° cannot be: "

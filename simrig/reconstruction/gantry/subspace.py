@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.directions.spherical import TWO_PI
 from simrig.plans.gantry import GantryPlan
 from simrig.plans.slices import AXIAL, DIAGONAL
@@ -79,8 +79,7 @@ def subspaces(
 
 
 def _check(plan: GantryPlan, values: np.ndarray, combination: str) -> None:
-    if combination not in COMBINATIONS:
-        raise unknown_name("combination of slices", combination, COMBINATIONS)
+    check_known("combination of slices", combination, COMBINATIONS)
     if np.ndim(values) != 2 or len(values) != plan.samples:
         raise SimrigError(
             f"the plan has {plan.samples} samples of some channels, got {np.shape(values)}"

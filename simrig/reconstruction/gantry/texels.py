@@ -19,7 +19,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError, check_known
 from simrig.directions.spherical import to_vector
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import METHODS, MOST_GLOBAL_NODES, SubspaceNodes
@@ -51,10 +51,8 @@ def texel_method(
         SimrigError: unknown names, POT missing for ``"rows"``, pairs beyond the plan, or more
             nodes than method A takes.
     """
-    if method not in METHODS:
-        raise unknown_name("gantry method", method, METHODS)
-    if transport not in TEXEL_TRANSPORTS:
-        raise unknown_name("transport of texels", transport, TEXEL_TRANSPORTS)
+    check_known("gantry method", method, METHODS)
+    check_known("transport of texels", transport, TEXEL_TRANSPORTS)
     wanted = WantedPairs.of(angles)
     if wanted.theta[-1] > plan.thetas[-1] + SAME_ANGLE:
         highest, asked = np.degrees([plan.thetas[-1], wanted.theta[-1]])

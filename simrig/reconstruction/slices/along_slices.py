@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_banded
 
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known
 from simrig.plans.adaptive import Knots
 from simrig.plans.slices import MIRRORED, OPEN, PERIODIC
 
@@ -36,8 +36,7 @@ class SliceInterpolator:
     """
 
     def __init__(self, knots: Knots, values: np.ndarray, interpolation: str = "cubic"):
-        if interpolation not in INTERPOLATIONS:
-            raise unknown_name("interpolation", interpolation, INTERPOLATIONS)
+        check_known("interpolation", interpolation, INTERPOLATIONS)
         full = _unfold(knots)
         full, self._values = _without_duplicates(full, values[full.sample].astype(np.float64))
         self._first, self._position = full.first, full.position

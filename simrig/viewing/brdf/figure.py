@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
 from simrig.brdf.protocol import Brdf
-from simrig.core.errors import unknown_name
+from simrig.core.errors import check_known
 from simrig.directions.spherical import TWO_PI, wrap_angle
 from simrig.files.images import to_srgb8
 from simrig.plans.placement import SlicePlacement
@@ -127,8 +127,7 @@ def _draw_slices(
     tiles = [(r, c) for r in range(1, count) for c in range(r if measured else 1, count)]
     handles = []
     for kind in kinds:
-        if kind not in SLICE_COLOURS:
-            raise unknown_name("kind of slices", kind, SLICE_COLOURS)
+        check_known("kind of slices", kind, SLICE_COLOURS)
         if kind in ("axial", "diagonal"):
             own = list(_tile_segments(azimuths, rising=kind == "axial"))
             segments = [np.add(s, (column, row)) for row, column in tiles for s in own]
