@@ -133,7 +133,7 @@ def whole_files(folder: Path) -> dict[str, Path]:
     material = kurt_material("fabric112")
     found: dict[str, Path] = {}
     for name, about in FORMATS.items():
-        if about.writes:
+        if about.write:
             found[name] = folder / f"{name}{about.suffixes[0]}"
             if name == "merl":  # sampling its 1.5 million directions takes long
                 write_merl(found[name], IsotropicTable(np.full((*MERL_SHAPE, 3), 0.25)))

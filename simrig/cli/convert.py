@@ -62,19 +62,13 @@ def convert(
 
 
 def _formats() -> frame.Report:
-    from dataclasses import asdict
-
     from simrig.files.load import FORMATS
 
     rows = [
-        (f.name, " ".join(f.suffixes), _yes(f.reads), _yes(f.writes), f.description)
+        (f.name, " ".join(f.suffixes), "yes", "yes" if f.write else "no", f.description)
         for f in FORMATS.values()
     ]
     return frame.Report(
-        data={"formats": [asdict(f) for f in FORMATS.values()]},
+        data={"formats": [f.as_dict() for f in FORMATS.values()]},
         shown=[frame.table(("format", "endings", "read", "written", "what it is"), rows)],
     )
-
-
-def _yes(value: bool) -> str:
-    return "yes" if value else "no"
