@@ -58,8 +58,10 @@ class Format:
         """Return plain values for JSON."""
         return {
             **{key: getattr(self, key) for key in ("name", "suffixes", "description")},
-            **{"reads": True, "writes": self.write is not None},
-            **{"honours": self.honours, "options": self.options},
+            "reads": True,
+            "writes": self.write is not None,
+            "honours": self.honours,
+            "options": self.options,
         }
 
 
