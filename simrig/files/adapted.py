@@ -69,6 +69,7 @@ class Read:
 
 
 def read_hdf5(path: Path, _: ReadOptions) -> Found:
+    """Read our own file; a measurement or a BTF is refused with what to do."""
     content = hdf5.content_of(path)
     if "measurement" in content:
         raise SimrigError(
@@ -85,6 +86,8 @@ def read_hdf5(path: Path, _: ReadOptions) -> Found:
 def read_utia(
     read: Callable[..., DenseTable],
 ) -> Callable[[Path, ReadOptions], Found]:
+    """Return a reader of UTIA tables by one of the functions that read them."""
+
     def run(path: Path, options: ReadOptions) -> Found:
         layout = None
         if options.layout is not None:
@@ -107,6 +110,7 @@ def read_utia(
 
 
 def read_merl(path: Path, _: ReadOptions) -> Found:
+    """Read a MERL table."""
     table = merl.read_merl(path)
     bins = " × ".join(map(str, table.values.shape[:3]))
     note = f"{bins} bins"
@@ -116,6 +120,7 @@ def read_merl(path: Path, _: ReadOptions) -> Found:
 
 
 def read_rgl(path: Path, options: ReadOptions) -> Found:
+    """Read a tensor file of RGL."""
     limits = None
     if options.wavelengths is not None:
         try:
@@ -129,16 +134,19 @@ def read_rgl(path: Path, options: ReadOptions) -> Found:
 
 
 def read_window(path: Path, options: ReadOptions) -> Found:
+    """Read a Klems matrix or a tensor tree."""
     return window.load_window(path, options.clamp_negative, options.side)
 
 
 def read_arrays(path: Path, options: ReadOptions) -> Found:
+    """Read arrays over stated axes."""
     return arrays.load_arrays(
         path, options.clamp_negative, options.axes, options.variable, options.wavelength
     )
 
 
 def write_merl(path: Path, brdf: Brdf) -> None:
+    """Write a MERL table."""
     table = brdf if isinstance(brdf, IsotropicTable) else None
     if table is None or table.values.shape[:3] != MERL_SHAPE or not table.reciprocal:
         table = resample_isotropic(brdf)
@@ -148,6 +156,8 @@ def write_merl(path: Path, brdf: Brdf) -> None:
 def write_utia(
     write: Callable[[Path, DenseTable], utia.UtiaLayout],
 ) -> Callable[..., None]:
+    """Return a writer of UTIA tables by one of the functions that write them."""
+
     def run(path: Path, brdf: Brdf, layout: utia.UtiaLayout = utia.DATABASE) -> None:
         write(path, _on_layout(brdf, layout))
 

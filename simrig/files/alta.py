@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from simrig.brdf.checks import CLAMP
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.from_samples import assemble, half_difference_table
 from simrig.brdf.tables.scattered import ScatteredSamples
@@ -26,9 +25,8 @@ from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError, check_known
 from simrig.directions.half_difference import from_half_difference
 from simrig.directions.spherical import to_vector
-from simrig.files.atomic import existing_file
+from simrig.files.text import not_negative, number_rows, read_text
 
-_LARGEST_FILE = 1 << 28
 _HORIZON = 1e-6  # cosine below which a pair of half-difference angles is no pair of the hemisphere
 
 Pair = tuple[np.ndarray, np.ndarray]  # light and view, unit vectors (n, 3)
@@ -161,8 +159,7 @@ def read_alta(path: str | Path, clamp_negative: bool = False) -> ScatteredSample
         SimrigError: an incomplete header, an unknown parameterisation, rows that do not fit it,
             NaN or negative values.
     """
-    path = existing_file(path)
-    return _samples(path, _content(path, clamp_negative))
+    return _samples(Path(path), _content(Path(path), clamp_negative))
 
 
 def load_alta(path: str | Path, clamp_negative: bool = False) -> tuple[Brdf, list[str]]:
@@ -177,7 +174,7 @@ def load_alta(path: str | Path, clamp_negative: bool = False) -> tuple[Brdf, lis
     Raises:
         SimrigError: see ``read_alta``; samples that are too sparse, with what is missing.
     """
-    path = existing_file(path)
+    path = Path(path)
     content = _content(path, clamp_negative)
     notes = [content.name]
     if content.below:
@@ -196,20 +193,13 @@ def is_alta(text: str) -> bool:
 
 
 def _content(path: Path, clamp_negative: bool) -> _Content:
-    if path.stat().st_size > _LARGEST_FILE:
-        raise SimrigError(f"ALTA file '{path}' is too large to be one")
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = read_text(path, "ALTA").splitlines()
     header = _header(lines)
     inputs, outputs, name = _structure(path, header)
     unit = _output(path, header, outputs)
     table = _numbers(path, lines, inputs, inputs + outputs)
-    values = np.array(np.broadcast_to(table[:, inputs:], (len(table), 3)))
-    negative = int((table[:, inputs:] < 0.0).sum())
-    if negative and not clamp_negative:
-        raise SimrigError(
-            f"'{path}' has {negative} negative of {table[:, inputs:].size} values{CLAMP}"
-        )
-    values = np.maximum(values, 0.0)
+    values = not_negative(path, table[:, inputs:], clamp_negative)
+    values = np.array(np.broadcast_to(values, (len(table), 3)))
     known = _KNOWN[name]
     with np.errstate(invalid="ignore"):
         light, view = known.to_pair(*table[:, :inputs].T)
@@ -297,28 +287,8 @@ def _output(path: Path, header: dict[str, list[str]], outputs: int) -> str:
 
 def _numbers(path: Path, lines: list[str], inputs: int, width: int) -> np.ndarray:
     """Return the rows that are not comments, shape (n, width)."""
-    if not any(line.strip() and not line.lstrip().startswith("#") for line in lines):
-        raise SimrigError(f"ALTA file '{path}' has no samples")
-    try:
-        table = np.loadtxt(lines, comments="#", ndmin=2)
-    except ValueError as error:
-        raise SimrigError(_broken_row(path, lines, width)) from error
-    if table.shape[1] != width:
-        raise SimrigError(_broken_row(path, lines, width))
-    if not np.all(np.isfinite(table)):
-        raise SimrigError(f"ALTA file '{path}' has NaN or infinite values")
+    rows = ((number, line.partition("#")[0].split()) for number, line in enumerate(lines, 1))
+    table = number_rows(f"ALTA file '{path}'", ((n, words) for n, words in rows if words), width)
     if np.abs(table[:, :inputs]).max() > 1e6:
         raise SimrigError(f"ALTA file '{path}' has angles that cannot be (radians are expected)")
     return table
-
-
-def _broken_row(path: Path, lines: list[str], width: int) -> str:
-    """Return what to say of the first row that has not the right count of numbers."""
-    for number, line in enumerate(lines, 1):
-        words = line.partition("#")[0].split()
-        if words and len(words) != width:
-            return (
-                f"line {number} of ALTA file '{path}' has {len(words)} numbers instead of {width}: "
-                "truncated?"
-            )
-    return f"ALTA file '{path}' has a row that is not numeric"

@@ -10,22 +10,20 @@ where they do not fit into a quarter turn of radians; a negative theta lies acro
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from simrig.brdf.checks import CLAMP
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.from_samples import assemble
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.brdf.tables.to_samples import sampled
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
-from simrig.files.atomic import atomic_write, existing_file
+from simrig.files.atomic import atomic_write
+from simrig.files.text import not_negative, number_rows, read_text
 from simrig.files.wavelengths import to_rgb
 
-_LARGEST_FILE = 1 << 28
 _COLUMNS = {
     "theta_i": ("theta_i", "thetai", "theta_in", "ti"),
     "phi_i": ("phi_i", "phii", "phi_in", "pi"),
@@ -38,21 +36,6 @@ _KEYWORD = re.compile(r"^[A-Z][A-Z0-9_]*(\s|$)")
 _QUARTER = np.pi / 2 + 1e-3
 
 
-@dataclass(frozen=True)
-class AstmSamples:
-    """The samples of a file.
-
-    Attributes:
-        samples: f_r in linear RGB.
-        header: the keywords before the data.
-        notes: what was made of them.
-    """
-
-    samples: ScatteredSamples
-    header: dict[str, str]
-    notes: list[str]
-
-
 def is_astm(text: str) -> bool:
     """Return whether the start of a text file has this format's header."""
     lines = [line for line in text.splitlines() if line.strip()][:80]
@@ -62,8 +45,8 @@ def is_astm(text: str) -> bool:
 
 def read_astm(
     path: str | Path, clamp_negative: bool = False, wavelength: float | None = None
-) -> AstmSamples:
-    """Read the samples.
+) -> tuple[ScatteredSamples, list[str]]:
+    """Read the samples as linear RGB, and say what was made of them.
 
     Args:
         path: the file.
@@ -74,22 +57,17 @@ def read_astm(
         SimrigError: no VARS line, columns that are missing or unknown, another number of lines than
             NUM_POINTS says, values that cannot be.
     """
-    path = existing_file(path)
-    if path.stat().st_size > _LARGEST_FILE:
-        raise SimrigError(f"ASTM file '{path}' is too large to be one")
-    lines = path.read_text(encoding="latin-1").splitlines()
+    path, lines = Path(path), read_text(path, "ASTM", "latin-1").splitlines()
     header, names, start = _header(path, lines)
-    table = _table(path, lines[start:], len(names), header.get("NUM_POINTS"))
+    table = _table(path, lines, start, len(names), header.get("NUM_POINTS"))
     angles, columns, notes = _angles(path, names, table)
     rest = [name for number, name in enumerate(names) if number not in columns]
     values = table[:, [number for number in range(len(names)) if number not in columns]]
-    negative = int((values < 0.0).sum())
-    if negative and not clamp_negative:
-        raise SimrigError(f"'{path}' has {negative} negative of {values.size} values{CLAMP}")
-    colours, note = _colours(path, rest, np.maximum(values, 0.0), angles[:, 2], wavelength)
+    values = not_negative(path, values, clamp_negative)
+    colours, note = _colours(path, rest, values, angles[:, 2], wavelength)
     theta_i, phi_i, theta_v, phi_v = angles.T
     samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem)
-    return AstmSamples(samples, header, [*notes, note])
+    return samples, [*notes, note]
 
 
 def load_astm(
@@ -100,9 +78,9 @@ def load_astm(
     Returns:
         The table, and what was done.
     """
-    read = read_astm(path, clamp_negative, wavelength)
-    found = assemble(read.samples, "ASTM samples")
-    return found.brdf, [*read.notes, found.how]
+    samples, notes = read_astm(path, clamp_negative, wavelength)
+    found = assemble(samples, "ASTM samples")
+    return found.brdf, [*notes, found.how]
 
 
 def write_astm(path: str | Path, brdf: Brdf) -> None:
@@ -145,26 +123,17 @@ def _header(path: Path, lines: list[str]) -> tuple[dict[str, str], list[str], in
     raise SimrigError(f"'{path}' is no ASTM file: it has no VARS line that names its columns")
 
 
-def _table(path: Path, lines: list[str], width: int, stated: str | None) -> np.ndarray:
-    rows = [re.split(r"[,;\s]+", line.strip().rstrip(",;")) for line in lines if line.strip()]
-    for number, words in enumerate(rows, 1):
-        if len(words) != width:
-            raise SimrigError(
-                f"sample {number} of ASTM file '{path}' has {len(words)} numbers instead of "
-                f"{width}: truncated?"
-            )
-    if not rows:
-        raise SimrigError(f"ASTM file '{path}' has no samples")
-    if stated is not None and stated.isdigit() and int(stated) != len(rows):
+def _table(path: Path, lines: list[str], start: int, width: int, stated: str | None) -> np.ndarray:
+    rows = (
+        (number, re.split(r"[,;\s]+", line.strip().rstrip(",;")))
+        for number, line in enumerate(lines[start:], start + 1)
+        if line.strip()
+    )
+    table = number_rows(f"ASTM file '{path}'", rows, width)
+    if stated is not None and stated.isdigit() and int(stated) != len(table):
         raise SimrigError(
-            f"ASTM file '{path}' says NUM_POINTS {stated} and has {len(rows)} samples: truncated?"
+            f"ASTM file '{path}' says NUM_POINTS {stated} and has {len(table)} samples: truncated?"
         )
-    try:
-        table = np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise SimrigError(f"ASTM file '{path}' has a sample that is not numeric") from error
-    if not np.all(np.isfinite(table)):
-        raise SimrigError(f"ASTM file '{path}' has NaN or infinite values")
     return table
 
 

@@ -16,17 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from simrig.brdf.checks import CLAMP
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.from_samples import assemble
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.brdf.tables.to_samples import sampled
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
-from simrig.files.atomic import atomic_write, existing_file
+from simrig.files.atomic import atomic_write
+from simrig.files.text import not_negative, read_text
 from simrig.files.wavelengths import to_rgb
 
-_LARGEST_FILE = 1 << 28
 _ANGLES = ("theta_i", "phi_i", "theta_r", "phi_r")
 _SCHEMA = (
     "https://raw.githubusercontent.com/BiRD-project/BiRD_view/master/BRDF_JSON_schema/"
@@ -56,7 +55,7 @@ def read_bird(
         SimrigError: not JSON, not of this format, arrays that do not fit together, values that
             cannot be.
     """
-    path = existing_file(path)
+    path = Path(path)
     data = _data(path)
     columns = [_angle(path, data, name) for name in _ANGLES]
     values = _array(path, data, "BRDF")
@@ -66,11 +65,9 @@ def read_bird(
     unit = str(data["BRDF"].get("unit", "1/sr")).replace(" ", "")
     if unit not in ("1/sr", "sr^-1", "sr-1", "sr⁻¹", ""):
         raise SimrigError(f"BiRD file '{path}' has a BRDF in '{unit}', not in 1/sr")
-    negative = int((values < 0.0).sum())
-    if negative and not clamp_negative:
-        raise SimrigError(f"'{path}' has {negative} negative of {values.size} values{CLAMP}")
+    values = not_negative(path, values, clamp_negative)
     keys, kinds, notes = _keys(path, data, len(values))
-    directions, table = _pivot(path, angles, keys, np.maximum(values, 0.0), len(kinds))
+    directions, table = _pivot(path, angles, keys, values, len(kinds))
     colours, note = _colours(path, kinds, table, wavelength)
     theta_i, phi_i, theta_v, phi_v = directions.T
     samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem)
@@ -93,16 +90,10 @@ def load_bird(
 def write_bird(path: str | Path, brdf: Brdf) -> None:
     """Write a BRDF as samples on a grid of directions (see ``sampled``), three per direction."""
     samples = sampled(brdf)
-    angles = dict(
-        zip(
-            _ANGLES,
-            (samples.theta_i, samples.phi_i, samples.theta_v, samples.phi_v),
-            strict=True,
-        )
-    )
+    columns = (samples.theta_i, samples.phi_i, samples.theta_v, samples.phi_v)
     data: dict[str, Any] = {
         name: {"unit": "deg", "values": np.repeat(np.degrees(column), 3).round(9).tolist()}
-        for name, column in angles.items()
+        for name, column in zip(_ANGLES, columns, strict=True)
     }
     data["BRDF"] = {
         "unit": "1/sr",
@@ -136,10 +127,8 @@ def write_bird(path: str | Path, brdf: Brdf) -> None:
 
 def _data(path: Path) -> dict[str, Any]:
     """Return the variables by name, the older form made like the newer one."""
-    if path.stat().st_size > _LARGEST_FILE:
-        raise SimrigError(f"BiRD file '{path}' is too large to be one")
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = json.loads(read_text(path, "BiRD", "utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise SimrigError(f"'{path}' is damaged or truncated: it is no JSON ({error})") from error
     data = content.get("data") if isinstance(content, dict) else None

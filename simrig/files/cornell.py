@@ -14,11 +14,10 @@ import numpy as np
 from simrig.brdf.tables.isotropic import IsotropicTable
 from simrig.brdf.tables.scattered import ScatteredSamples, interpolate_isotropic
 from simrig.core.errors import SimrigError
-from simrig.files.atomic import existing_file
 from simrig.files.spectra import rgb_weights
+from simrig.files.text import not_negative, number_rows, read_text
 
 _MOST_WAVELENGTHS = 10_000
-_LARGEST_FILE = 1 << 28
 
 
 def read_cornell(path: str | Path, clamp_negative: bool = False) -> ScatteredSamples:
@@ -34,22 +33,12 @@ def read_cornell(path: str | Path, clamp_negative: bool = False) -> ScatteredSam
     Raises:
         SimrigError: not this format, rows of another length, NaN or negative spectral values.
     """
-    path = existing_file(path)
-    if path.stat().st_size > _LARGEST_FILE:
-        raise SimrigError(f"Cornell file '{path}' is too large to be one")
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    path, lines = Path(path), read_text(path, "Cornell").splitlines()
     rows = [(n, line.split()) for n, line in enumerate(lines, 1) if line.strip()]
     rows = [(n, words) for n, words in rows if not words[0].startswith("#")]
     wavelengths, first = _wavelengths(path, rows)
-    table = _samples(path, rows[first:], 4 + len(wavelengths))
-    spectra = table[:, 4:]
-    negative = int((spectra < 0.0).sum())
-    if negative and not clamp_negative:
-        raise SimrigError(
-            f"'{path}' has {negative} negative of {spectra.size} values: pass "
-            "clamp_negative=True to set them to 0"
-        )
-    values = np.maximum(spectra, 0.0) @ rgb_weights(wavelengths)
+    table = number_rows(f"Cornell file '{path}'", rows[first:], 4 + len(wavelengths))
+    values = not_negative(path, table[:, 4:], clamp_negative) @ rgb_weights(wavelengths)
     theta_i, phi_i, theta_v, phi_v = table[:, :4].T
     return ScatteredSamples(theta_i, phi_i, theta_v, phi_v, values, path.stem, isotropic=True)
 
@@ -66,35 +55,19 @@ def is_cornell(text: str) -> bool:
 
 def _wavelengths(path: Path, rows: list[tuple[int, list[str]]]) -> tuple[np.ndarray, int]:
     """Return the wavelengths, and the number of rows that they and their count take."""
-    header = _numbers(path, *rows[0]) if rows else np.zeros(0)
+    header = _numbers(path, rows[:1])
     if len(header) != 1 or not 2 <= header[0] <= _MOST_WAVELENGTHS or header[0] % 1:
         raise SimrigError(f"'{path}' is not a Cornell file: it gives no number of wavelengths")
     count, found, used = int(header[0]), np.zeros(0), 1
     while len(found) < count and used < len(rows):
-        found = np.concatenate((found, _numbers(path, *rows[used])))
+        found = np.concatenate((found, _numbers(path, rows[used : used + 1])))
         used += 1
     if len(found) != count:
         raise SimrigError(f"Cornell file '{path}' has {len(found)} instead of {count} wavelengths")
     return found, used
 
 
-def _samples(path: Path, rows: list[tuple[int, list[str]]], width: int) -> np.ndarray:
-    for number, words in rows:
-        if len(words) != width:
-            raise SimrigError(
-                f"line {number} of Cornell file '{path}' has {len(words)} numbers instead of "
-                f"{width}: truncated?"
-            )
-    if not rows:
-        raise SimrigError(f"Cornell file '{path}' has no samples")
-    return np.stack([_numbers(path, number, words) for number, words in rows])
-
-
-def _numbers(path: Path, number: int, words: list[str]) -> np.ndarray:
-    try:
-        values = np.array([float(word) for word in words])
-    except ValueError as error:
-        raise SimrigError(f"line {number} of Cornell file '{path}' is not numeric") from error
-    if not np.all(np.isfinite(values)):
-        raise SimrigError(f"line {number} of Cornell file '{path}' has NaN or infinite values")
-    return values
+def _numbers(path: Path, rows: list[tuple[int, list[str]]]) -> np.ndarray:
+    """Return the numbers of one row, none where there is none."""
+    width = len(rows[0][1]) if rows else 0
+    return number_rows(f"Cornell file '{path}'", rows, width)[0] if rows else np.zeros(0)

@@ -20,9 +20,8 @@ from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
-from simrig.files.atomic import existing_file
+from simrig.files.text import read_text
 
-_LARGEST_FILE = 1 << 28
 _MOST_ANGLES = 100_000
 _LISTS = ("SampleRotation", "AngleOfIncidence", "ScatterAzimuth", "ScatterRadial")
 _BLOCKS = {"Monochrome": ("Monochrome",), "XYZ": ("TristimulusX", "TristimulusY", "TristimulusZ")}
@@ -44,10 +43,7 @@ def read_zemax(path: str | Path, clamp_negative: bool = False) -> ScatteredSampl
     Raises:
         SimrigError: an incomplete header, what is not read, values that are missing or cannot be.
     """
-    path = existing_file(path)
-    if path.stat().st_size > _LARGEST_FILE:
-        raise SimrigError(f"Zemax file '{path}' is too large to be one")
-    lines = path.read_text(encoding="latin-1").splitlines()
+    path, lines = Path(path), read_text(path, "Zemax", "latin-1").splitlines()
     words = [w for line in lines if not line.lstrip().startswith("#") for w in line.split()]
     fields, lists, start = _header(path, words)
     content = fields.get("SpectralContent", "Monochrome")
