@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from simrig.core.errors import SimrigError, check_known
 from simrig.core.options import Option
 from simrig.plans.adaptive import AdaptiveSamples, Knots, refinement
 from simrig.plans.placement import SlicePlacement, SubspacePlacement, optimal_placement
-from simrig.plans.protocol import THETA_MAX, Batches, Plan, largest_theta_deg
+from simrig.plans.protocol import THETA_MAX, Batches, Measured, Plan, largest_theta_deg, plan_of
 from simrig.plans.slices import SLICE_TYPES
 
 if TYPE_CHECKING:
@@ -166,36 +166,12 @@ class SlicePlan(Plan):
         return SlicePlan(self.placement, samples, **self.parameters)
 
 
-class MeasuredSlices(Protocol):
-    """What is read of a measurement along slices (``simrig.rigs.measurements``)."""
-
-    @property
-    def plan(self) -> Plan: ...
-    @property
-    def angles(self) -> np.ndarray: ...
-    @property
-    def values(self) -> np.ndarray: ...
-    @property
-    def layout(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def material(self) -> str: ...
+def slice_plan(measurement: Measured) -> SlicePlan:
+    """Return the plan of a measurement along slices; SimrigError where it was another."""
+    return plan_of(measurement, SlicePlan, "slices")
 
 
-def slice_plan(measurement: MeasuredSlices) -> SlicePlan:
-    """Return the plan of a measurement along slices.
-
-    Raises:
-        SimrigError: it was measured by another plan.
-    """
-    if not isinstance(measurement.plan, SlicePlan):
-        raise SimrigError(
-            f"the measurement of '{measurement.material}' has no slices, its plan is "
-            f"'{measurement.plan.name}': measure with the plan 'slices'"
-        )
-    return measurement.plan
-
-
-def slice_samples(measurement: MeasuredSlices) -> AdaptiveSamples:
+def slice_samples(measurement: Measured) -> AdaptiveSamples:
     """Return the samples of a measurement along slices, and where they lie there.
 
     Raises:

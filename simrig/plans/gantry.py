@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from simrig.core.errors import SimrigError
 from simrig.core.options import Option
 from simrig.directions.spherical import TWO_PI
 from simrig.plans.adaptive import Knots
-from simrig.plans.protocol import ListedPlan, Plan
+from simrig.plans.protocol import ListedPlan, Measured, plan_of
 from simrig.plans.slices import AXIAL, DIAGONAL, PERIODIC
 
 if TYPE_CHECKING:
@@ -209,29 +209,9 @@ class GantryPlan(ListedPlan):
         )
 
 
-class MeasuredByGantry(Protocol):
-    """What is read of a measurement by a gantry's plan (``simrig.rigs.measurements``)."""
-
-    @property
-    def plan(self) -> Plan: ...
-    @property
-    def values(self) -> np.ndarray: ...
-    @property
-    def material(self) -> str: ...
-
-
-def measured_plan(measurement: MeasuredByGantry) -> GantryPlan:
-    """Return the plan of a measurement along the slices of a gantry.
-
-    Raises:
-        SimrigError: it was measured by another plan.
-    """
-    if not isinstance(measurement.plan, GantryPlan):
-        raise SimrigError(
-            f"the measurement of '{measurement.material}' has no slices of a gantry, its plan is "
-            f"'{measurement.plan.name}': measure with the plan 'gantry'"
-        )
-    return measurement.plan
+def measured_plan(measurement: Measured) -> GantryPlan:
+    """Return the plan of a measurement by a gantry; SimrigError where it was another."""
+    return plan_of(measurement, GantryPlan, "slices of a gantry")
 
 
 def gantry_plan(samples: int, isotropic: bool = False) -> GantryPlan:

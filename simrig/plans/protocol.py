@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,9 @@ THETA_MAX = Option(
     most=90.0,
 )
 _ROUNDING_DEG = 5e-5  # files often hold angles as float32
+
+
+P = TypeVar("P", bound="Plan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +132,53 @@ class Plan(ABC):
     def probe(self, most: int) -> Plan:
         """Return a plan that looks where this one does, of about ``most`` samples or fewer."""
         return self
+
+
+class MeasuredPairs(Protocol):
+    """Values at any directions: what a method that knows no plan reads of a measurement."""
+
+    @property
+    def material(self) -> str: ...
+    @property
+    def theta_i(self) -> np.ndarray: ...
+    @property
+    def theta_v(self) -> np.ndarray: ...
+    @property
+    def phi_i(self) -> np.ndarray: ...
+    @property
+    def phi_v(self) -> np.ndarray: ...
+    @property
+    def values(self) -> np.ndarray: ...
+
+
+class Measured(MeasuredPairs, Protocol):
+    """What plans and reconstructions read of a measurement (``simrig.rigs.measurements``)."""
+
+    @property
+    def plan(self) -> Plan: ...
+    @property
+    def angles(self) -> np.ndarray: ...
+    @property
+    def layout(self) -> Mapping[str, np.ndarray]: ...
+
+
+def plan_of(measurement: Measured, kind: type[P], has: str) -> P:
+    """Return the plan of a measurement, which has to be of a kind.
+
+    Args:
+        measurement: by any plan.
+        kind: of plan.
+        has: what a measurement by such a plan has, such as "slices".
+
+    Raises:
+        SimrigError: it was measured by another plan.
+    """
+    if not isinstance(measurement.plan, kind):
+        raise SimrigError(
+            f"the measurement of '{measurement.material}' has no {has}, its plan is "
+            f"'{measurement.plan.name}': measure with the plan '{kind.name}'"
+        )
+    return measurement.plan
 
 
 class ListedPlan(Plan):

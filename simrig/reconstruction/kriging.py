@@ -6,9 +6,7 @@ those under which left-out samples are predicted best.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
 from simrig.directions.spherical import to_vector
 from simrig.plans.auto.findings import findings_of, has_findings
+from simrig.plans.protocol import Measured
 from simrig.reconstruction.result import Reconstructed
 
 _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 1_500_000  # at most
@@ -28,26 +27,7 @@ _BLOCK_NEIGHBOURS = 48  # of 2 × 2 × 2 × 2 nodes together
 _ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 10.0, 2.0, 2.2)
 
 
-class AnyMeasurement(Protocol):
-    """What the reconstruction reads of a measurement."""
-
-    @property
-    def material(self) -> str: ...
-    @property
-    def theta_i(self) -> np.ndarray: ...
-    @property
-    def theta_v(self) -> np.ndarray: ...
-    @property
-    def phi_i(self) -> np.ndarray: ...
-    @property
-    def phi_v(self) -> np.ndarray: ...
-    @property
-    def values(self) -> np.ndarray: ...
-    @property
-    def layout(self) -> Mapping[str, np.ndarray]: ...
-
-
-def reconstruct_kriging(measurement: AnyMeasurement) -> Reconstructed:
+def reconstruct_kriging(measurement: Measured) -> Reconstructed:
     """Return the table that kriging makes of a measurement.
 
     Args:
@@ -68,7 +48,7 @@ def reconstruct_kriging(measurement: AnyMeasurement) -> Reconstructed:
     return Reconstructed(table, table.stored_bytes, (*said, nodes_in_words(table)))
 
 
-def samples_of(measurement: AnyMeasurement) -> Samples:
+def samples_of(measurement: Measured) -> Samples:
     """Return the samples of a measurement as kriging takes them."""
     return Samples(
         to_vector(measurement.theta_i, measurement.phi_i),

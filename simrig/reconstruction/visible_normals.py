@@ -2,32 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
-
 import numpy as np
 
 from simrig.brdf.tables.rgl import RglBrdf
 from simrig.core.errors import SimrigError
-from simrig.plans.protocol import Plan
+from simrig.plans.protocol import Measured, plan_of
 from simrig.plans.visible_normals import SIZES, TableSizes, VisibleNormalsPlan
 from simrig.reconstruction.result import Reconstructed
 
 
-class MeasuredGrids(Protocol):
-    """What is read of a measurement."""
-
-    @property
-    def material(self) -> str: ...
-    @property
-    def plan(self) -> Plan: ...
-    @property
-    def values(self) -> np.ndarray: ...
-    @property
-    def layout(self) -> Mapping[str, np.ndarray]: ...
-
-
-def reconstruct_visible_normals(measurement: MeasuredGrids) -> Reconstructed:
+def reconstruct_visible_normals(measurement: Measured) -> Reconstructed:
     """Return the BRDF whose tables hold what was measured.
 
     Nodes below the horizon hold 0, as in the database.
@@ -38,12 +22,7 @@ def reconstruct_visible_normals(measurement: MeasuredGrids) -> Reconstructed:
     Raises:
         SimrigError: a measurement by another plan, or whose arrays do not fit together.
     """
-    plan = measurement.plan
-    if not isinstance(plan, VisibleNormalsPlan):
-        raise SimrigError(
-            f"the measurement of '{measurement.material}' has no grids of visible normals, its "
-            f"plan is '{plan.name}': measure with the plan 'visible-normals'"
-        )
+    plan = plan_of(measurement, VisibleNormalsPlan, "grids of visible normals")
     sizes = TableSizes.from_array(measurement.layout[SIZES])
     grids = plan.grids(sizes, plan.retro_values(sizes, measurement.values))
     measured = measurement.values[plan.first(sizes) :]

@@ -20,7 +20,8 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError, check_known
-from simrig.plans.gantry import MeasuredByGantry, measured_plan
+from simrig.plans.gantry import measured_plan
+from simrig.plans.protocol import Measured
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
 from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
@@ -55,7 +56,7 @@ class GantryReconstruction:
 
 
 def reconstruct_gantry(
-    measurement: MeasuredByGantry,
+    measurement: Measured,
     method: str = "gantry-b",
     *,
     theta_step_deg: float = 7.5,
@@ -146,7 +147,7 @@ class SubspaceNodes:
 
 
 def _by_rbf(
-    measurement: MeasuredByGantry, wanted: np.ndarray, azimuths: int, settings: tuple[str, str]
+    measurement: Measured, wanted: np.ndarray, azimuths: int, settings: tuple[str, str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the table of method A and its notes."""
     plan = measured_plan(measurement)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from simrig.brdf.tables.barycentric import BarycentricBrdf
-from simrig.reconstruction.scattered.pairs import PairMeasurement, pair_table
+from simrig.plans.protocol import MeasuredPairs
+from simrig.reconstruction.scattered.pairs import pair_table
 
 
-def reconstruct_barycentric(measurement: PairMeasurement) -> BarycentricBrdf:
+def reconstruct_barycentric(measurement: MeasuredPairs) -> BarycentricBrdf:
     """Return the barycentric interpolation of a measurement (thesis section 5.5.2).
 
     Args:

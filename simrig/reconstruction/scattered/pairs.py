@@ -3,30 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from simrig.core.errors import SimrigError
+from simrig.plans.protocol import MeasuredPairs
 
 _SAME = 1e-6  # radians; directions that are this close are one
-
-
-class PairMeasurement(Protocol):
-    """What a method for any directions needs of a measurement, along slices or not."""
-
-    @property
-    def theta_i(self) -> np.ndarray: ...
-    @property
-    def theta_v(self) -> np.ndarray: ...
-    @property
-    def phi_i(self) -> np.ndarray: ...
-    @property
-    def phi_v(self) -> np.ndarray: ...
-    @property
-    def values(self) -> np.ndarray: ...
-    @property
-    def material(self) -> str: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +31,7 @@ class PairTable:
     repeated: int
 
 
-def pair_table(measurement: PairMeasurement) -> PairTable:
+def pair_table(measurement: MeasuredPairs) -> PairTable:
     """Return the table of a measurement that holds every pair of its directions.
 
     Where some pairs are only there with light and view exchanged, all are taken to be reciprocal
@@ -80,7 +63,7 @@ def pair_table(measurement: PairMeasurement) -> PairTable:
     return PairTable(theta, phi, values, reciprocal, repeated)
 
 
-def _missing(measurement: PairMeasurement, directions: int, pairs: int) -> SimrigError:
+def _missing(measurement: MeasuredPairs, directions: int, pairs: int) -> SimrigError:
     return SimrigError(
         f"the measurement of '{measurement.material}' lacks {pairs} pairs of its {directions} "
         "directions: this method needs every pair, as a uniform scheme gives them (rbf-local "
@@ -89,7 +72,7 @@ def _missing(measurement: PairMeasurement, directions: int, pairs: int) -> Simri
 
 
 def _distinct_directions(
-    measurement: PairMeasurement,
+    measurement: MeasuredPairs,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return theta and phi of the directions, and which of them each sample's two are."""
     theta = np.concatenate([measurement.theta_i, measurement.theta_v])

@@ -21,7 +21,7 @@ from simrig.brdf.tables.rbf import BAND, RbfBrdf, Spline
 from simrig.core.errors import SimrigError
 from simrig.directions.onion import to_onion
 from simrig.directions.spherical import to_vector
-from simrig.reconstruction.scattered.pairs import PairMeasurement
+from simrig.plans.protocol import MeasuredPairs
 from simrig.reconstruction.scattered.thin_plate import FittedSpline, fit_thin_plate
 
 LARGEST_GLOBAL = 24_000  # nodes of one spline: its system takes 8 bytes times their square
@@ -52,7 +52,7 @@ class RbfResult:
 
 
 def reconstruct_rbf(
-    measurement: PairMeasurement,
+    measurement: MeasuredPairs,
     neighbours: int | None = None,
     *,
     reciprocal: bool = True,
@@ -99,7 +99,7 @@ def reconstruct_rbf(
     return RbfResult(brdf, fits, tuple(notes))
 
 
-def rbf_weights(nodes: PairMeasurement, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
+def rbf_weights(nodes: MeasuredPairs, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
     """Return what the value at each node counts in a global, not reciprocal interpolation.
 
     One matrix serves any number of materials that were measured at the same pairs. Where the two
@@ -122,7 +122,7 @@ def rbf_weights(nodes: PairMeasurement, wi: np.ndarray, wv: np.ndarray) -> np.nd
 
 
 def _halves(
-    measurement: PairMeasurement, values: np.ndarray, reciprocal: bool
+    measurement: MeasuredPairs, values: np.ndarray, reciprocal: bool
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the nodes (n, 4) and values (n, 3) of each half, with a margin for the blending.
 

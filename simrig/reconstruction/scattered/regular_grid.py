@@ -9,12 +9,13 @@ import numpy as np
 
 from simrig.brdf.tables.dense import DenseTable
 from simrig.core.errors import SimrigError
-from simrig.reconstruction.scattered.pairs import PairMeasurement, pair_table
+from simrig.plans.protocol import MeasuredPairs
+from simrig.reconstruction.scattered.pairs import pair_table
 
 _SAME = 1e-5  # radians; far below any step, above the rounding of float32 files
 
 
-def reconstruct_regular_grid(measurement: PairMeasurement) -> DenseTable:
+def reconstruct_regular_grid(measurement: MeasuredPairs) -> DenseTable:
     """Return the table of a measurement on a regular grid of directions.
 
     Args:

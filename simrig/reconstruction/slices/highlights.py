@@ -28,8 +28,9 @@ from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.arrays import Array
 from simrig.directions import wrap_angle
 from simrig.plans.adaptive import AdaptiveSamples
-from simrig.plans.along_slices import MeasuredSlices, slice_samples
+from simrig.plans.along_slices import slice_samples
 from simrig.plans.placement import SubspacePlacement
+from simrig.plans.protocol import Measured
 from simrig.reconstruction.slices.subspace import Subspace, reader, reconstruct_subspace
 from simrig.reconstruction.slices.tables import full_slices, reconstruct_slices
 
@@ -103,7 +104,7 @@ def reconstruct_subspace_along_highlights(
 
 
 def reconstruct_along_highlights(
-    measurement: MeasuredSlices,
+    measurement: Measured,
     interpolation: str = "cubic",
     *,
     azimuth_samples: int = 360,

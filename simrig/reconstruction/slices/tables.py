@@ -8,8 +8,9 @@ from simrig.brdf.slices.layout import SliceLayout
 from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.errors import SimrigError
 from simrig.plans.adaptive import AdaptiveSamples
-from simrig.plans.along_slices import MeasuredSlices, slice_plan, slice_samples
+from simrig.plans.along_slices import slice_plan, slice_samples
 from simrig.plans.placement import SlicePlacement
+from simrig.plans.protocol import Measured
 from simrig.plans.slices import AXIAL, CIRCLE, DIAGONAL, HORIZONTAL, Slices, build_slices
 from simrig.reconstruction.slices.along_slices import SliceInterpolator
 
@@ -51,7 +52,7 @@ def slice_layout(
 
 
 def reconstruct(
-    measurement: MeasuredSlices,
+    measurement: Measured,
     interpolation: str = "cubic",
     *,
     azimuth_samples: int = 360,
@@ -82,7 +83,7 @@ def reconstruct(
     )
 
 
-def full_slices(measurement: MeasuredSlices) -> tuple[SlicePlacement, str]:
+def full_slices(measurement: Measured) -> tuple[SlicePlacement, str]:
     """Return where the slices of a measurement lie, and which were measured.
 
     Raises:
