@@ -20,7 +20,7 @@ from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.images import foreground_mask
 from simrig.evaluation.metrics.replicates import Replicates, converged, distances
-from simrig.planning import plan_budget, plan_scene, verified_render
+from simrig.planning import plan_budget, plan_scene, planned_subject, verified_render
 from simrig.planning.integrators import UNLIMITED, path_integrator
 from simrig.planning.source import scene_source_in
 from simrig.planning.survey import Survey
@@ -135,11 +135,12 @@ def _one(
     try:
         scene = SceneFile(path, _asked_for(path, parameters or {}), scale)
         backend.select("auto")
-        if budget_seconds is None:
-            plan = plan_scene(scene, tolerance)
-        else:
-            plan = plan_budget(scene, budget_seconds, tolerance)
-        result, plan = verified_render(scene, plan)
+        with planned_subject(scene) as at_work:
+            if budget_seconds is None:
+                plan = plan_scene(at_work, tolerance)
+            else:
+                plan = plan_budget(at_work, budget_seconds, tolerance)
+            result, plan = verified_render(at_work, plan)
         measured = error = None
         if reference_seconds > 0.0:
             reference = _reference(scene, plan, reference_seconds)

@@ -117,7 +117,7 @@ def test_what_no_path_met_is_allowed_for() -> None:
 
 def test_what_more_paths_will_say_is_known_before() -> None:
     """The floor stays, the rest falls with the paths: where that is too much none are traced."""
-    now = made_up(0.2, 0.01, 1.0, PATHS)
+    now = made_up(0.2, 0.01, 1.0, PATHS[-1])
     found = sampled_changes(now, DISPLAY, 0.0)[0]
     for count in MORE_PATHS:
         then = made_up(0.2, 0.01, 1.0, count)

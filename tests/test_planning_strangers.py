@@ -18,7 +18,7 @@ from simrig.planning import plan_budget, plan_scene, planned_render, verified_re
 from simrig.planning.change import Display
 from simrig.planning.maxima import brightest_of, matte_albedo
 from simrig.planning.noise import SamplingNoise
-from simrig.planning.planner import planned_subject
+from simrig.planning.loading import planned_subject
 from simrig.planning.shape_form import box_of, form_of, turns_normals
 from simrig.planning.source import scene_source
 from simrig.planning.survey import Survey

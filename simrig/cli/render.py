@@ -106,20 +106,22 @@ def render(
         subject, about = _subject(scene, material, options, define, scale)
 
         planned = None
-        if not by_hand:
-            wished = {"variant": variant, "exposure": exposure, "sensor": sensor}
-            planned = effect_options.planned(subject, effects, budget, **wished)
         with frame.progress("rendering") as report:
-            if planned and verify:
-                result, planned = planning.verified_render(subject, planned, seed, report)
-            elif planned:
-                result = planning.planned_render(subject, planned, seed, report)
-            else:
+            if by_hand:
                 chosen = None if integrator == "scene" else integrator
                 source = planning.scene_source(subject, sensor)
                 result = rendering.render(
                     rendering.load(source.build()), spp or _SPP, seed, chosen, report, sensor=sensor
                 )
+            else:
+                decided = planning.checked_overrides(**effects.overrides)
+                opened = planning.planned_subject(subject, decided, variant, exposure, sensor)
+                with opened as at_work:  # loaded once
+                    planned = effect_options.planned(at_work, effects, budget)
+                    if verify:
+                        result, planned = planning.verified_render(at_work, planned, seed, report)
+                    else:
+                        result = planning.planned_render(at_work, planned, seed, report)
         if exposure is None:
             exposure = _exposure(planned, result.image)
         about |= {

@@ -180,7 +180,7 @@ def render(
         SimrigError: a scene that cannot be built, options that contradict each other, or a picture
             that is not finite.
     """
-    from simrig.planning import planned_render, scene_source, verified_render
+    from simrig.planning import checked_overrides, planned_subject, scene_source
     from simrig.rendering import render as rendering
 
     backend.current()
@@ -192,8 +192,23 @@ def render(
     if spp is not None or integrator is not None:
         loaded = rendering.load(scene_source(scene).build())
         return rendering.render(loaded, _SPP if spp is None else spp, seed, integrator, progress)
-    if plan is None:
-        plan = _planned(scene, tolerance, enable, disable, everything)
+    if plan is not None:
+        return _by_plan(scene, plan, verify, seed, progress)
+    decided = checked_overrides(enable, disable, everything)
+    with planned_subject(scene, decided) as at_work:  # loaded once
+        plan = _planned(at_work, tolerance, enable, disable, everything)
+        return _by_plan(at_work, plan, verify, seed, progress)
+
+
+def _by_plan(
+    scene: Any,
+    plan: Plan,
+    verify: bool,
+    seed: int,
+    progress: Callable[[int, int], None] | None,
+) -> RenderResult:
+    from simrig.planning import planned_render, verified_render
+
     if verify:
         picture, plan = verified_render(scene, plan, seed, progress)
         return replace(picture, plan=plan)

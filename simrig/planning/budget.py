@@ -16,8 +16,9 @@ import numpy as np
 
 from simrig.core.effects import Overrides, Plan, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
+from simrig.planning.loading import planned_subject, planning_times
 from simrig.planning.overrides import checked_overrides
-from simrig.planning.planner import plan_subject, planned_subject
+from simrig.planning.planner import plan_subject
 from simrig.planning.subject import SceneSubject
 from simrig.rendering import render as rendering
 
@@ -60,8 +61,7 @@ def plan_budget(
     about = {
         **plan.about,
         "budget_s": seconds,
-        "planning_s": subject.seconds + clock.run_seconds,
-        "planning_compile_s": subject.compile_seconds + clock.compile_seconds,
+        **planning_times(subject, clock),
     }
     return replace(plan, about=about)
 

@@ -13,9 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.core.effects import Tolerance
-from simrig.planning.directional import Environment
 from simrig.planning.light_tracing import Verdict
-from simrig.planning.survey import Body, Survey
+from simrig.planning.survey import Body
 from simrig.scenes.latlong import solid_angles
 
 if TYPE_CHECKING:
@@ -101,10 +100,12 @@ def light_tracing_sees_all(subject: SceneSubject, tolerance: Tolerance) -> bool:
 def possible_caustics(subject: SceneSubject) -> Doubt | None:
     """Return the doubt about a small lamp whose light something specular throws on."""
     survey = subject.survey
+    if not small_light(subject, survey.bodies):  # asked first: what bodies do takes a look
+        return None
     specular = specular_bodies(subject)
     if not specular or len(specular) == len(survey.bodies) == 1:
         return None
-    lamp = small_light(survey, specular)
+    lamp = small_light(subject, specular)
     if not lamp:
         return None
     names = ", ".join(f"'{body.name}'" for body in specular[:2]) + ("..." if specular[2:] else "")
@@ -126,8 +127,9 @@ def specular_bodies(subject: SceneSubject) -> list[Body]:
     ]
 
 
-def small_light(survey: Survey, seen_from: list[Body]) -> str:
+def small_light(subject: SceneSubject, seen_from: list[Body]) -> str:
     """Return the smallest light as words, where it is small from some bodies; empty else."""
+    survey = subject.survey
     if survey.delta_lights:
         return "the light of a lamp without a size"
     for body, shape in zip(survey.bodies, survey.shapes, strict=True):
@@ -135,7 +137,7 @@ def small_light(survey: Survey, seen_from: list[Body]) -> str:
             _solid_angle(shape, body, other) < SMALL_SR for other in seen_from if other is not body
         ):
             return f"the light of '{body.name}', which is small,"
-    if survey.environment is not None and _sunny(survey.environment):
+    if survey.environment is not None and _sunny(subject):
         return "the light of a small bright part of the environment"
     return ""
 
@@ -149,13 +151,14 @@ def _solid_angle(shape: Any, lamp: Body, other: Body) -> float:
     return min(area, np.pi * lamp.radius**2) / apart**2
 
 
-def _sunny(emitter: Any) -> bool:
+def _sunny(subject: SceneSubject) -> bool:
     """Return whether half of the light of an environment comes from a small part of it."""
+    emitter = subject.survey.environment
     if emitter.class_name() == "ConstantBackgroundEmitter":
         return False
     if "data" not in mi.traverse(emitter):
         return "Sunsky" in emitter.class_name() or "Sun" in emitter.class_name()
-    radiance = Environment(emitter).brightest
+    radiance = subject.environment.brightest
     solid = np.repeat(solid_angles(*radiance.shape), radiance.shape[1]).ravel()
     order = np.argsort(-radiance.ravel())
     energy = np.cumsum((radiance.ravel() * solid)[order])

@@ -190,9 +190,10 @@ class AntiAliasing:
         return subject.seconds_per_sample * subject.subject.pixels * (USUAL_SPP - 1)
 
 
+INTER_REFLECTION = InterReflection()
 SCENE_EFFECTS: tuple[Effect, ...] = (
     Shadowing(),
-    InterReflection(),
+    INTER_REFLECTION,
     BsdfSampling(),
     EnvironmentLight(),
     SpectralRendering(),

@@ -54,7 +54,9 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
     if proved <= tolerance.amount:
         why = "albedo and solid angle of the other bodies times the radiance that they send"
         return IndirectBounds((proved, *(change.bound for change in found[1:])), why)
+    most = subject.affordable_paths
     enough = (n for n in MORE_PATHS if with_more_paths(found[0], paths, n) <= tolerance.amount)
+    enough = (n for n in enough if n <= most)
     count = next(enough, None)
     if count is None:
         return _from_paths(found, paths)
@@ -72,7 +74,9 @@ def with_more_paths(found: SampledChange, paths: PathProbe, count: int) -> float
 
 
 def _sampled(subject: SceneSubject, tolerance: Tolerance, paths: PathProbe) -> list[SampledChange]:
-    hidden = float(narrow_highlights(subject.survey, subject.surfaces).max(initial=0.0))
+    hidden = 0.0
+    if subject.survey.delta_lights:
+        hidden = float(narrow_highlights(subject.survey, subject.surfaces).max(initial=0.0))
     return sampled_changes(paths, subject.display(tolerance), hidden)
 
 

@@ -18,11 +18,11 @@ from simrig.planning.change import Display
 from simrig.planning.view import View
 from simrig.rendering.render import timed
 
-PARTICLES = 1 << 19
+FEWEST, PARTICLES = 1 << 16, 1 << 19
 _BLOCKS = 8  # along either side of the picture
 _CERTAIN = 3.0  # standard errors
 _CLEAR, _NEGLIGIBLE = 5.0, 0.02  # standard errors, and the part of the mean, of one block
-_PARTS = 16
+_PARTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,13 @@ def light_tracer() -> dict[str, Any]:
 
 
 def trace_light(view: View, particles: int = PARTICLES) -> LightTraced | None:
-    """Return the picture by particles, None where Mitsuba cannot trace them."""
+    """Return the picture by particles, None where Mitsuba cannot trace them.
+
+    Args:
+        view: of the picture.
+        particles: about how many; ``FEWEST`` at least and ``PARTICLES`` at most.
+    """
+    particles = min(max(particles, FEWEST), PARTICLES)
     spp = max(particles // _PARTS // view.pixels, 1)
     try:
         integrator = mi.load_dict(light_tracer())

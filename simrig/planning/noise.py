@@ -95,14 +95,9 @@ class SamplingNoise:
         )
 
     @cached_property
-    def _order(self) -> np.ndarray:
-        """The (n, k) samples of each pixel in an order of their own, by index."""
-        return np.argsort(np.random.default_rng(_SEED).random(self.radiance.shape[:2]), axis=1)
-
-    @cached_property
     def _mixed(self) -> np.ndarray:
         """The samples of each pixel in a random order, so that none of their runs is stratified."""
-        return np.take_along_axis(self.radiance, self._order[..., None], axis=1)
+        return self.radiance[:, np.random.default_rng(_SEED).permutation(self._count)]
 
     @cached_property
     def _gain(self) -> float:
@@ -155,11 +150,11 @@ class SamplingNoise:
         Residuals with random signs have the covariance of the samples, colours included.
         """
         pixels, count = self.radiance.shape[:2]
+        rng = np.random.default_rng(_SEED)
         errors = []
-        for trial in range(_TRIALS):
-            signs = np.random.default_rng(_SEED + trial).choice([-1.0, 1.0], size=(pixels, count))
-            shaken = np.einsum("nk,nkc->nc", signs, self.radiance)
-            shaken -= signs.sum(axis=1)[:, None] * self._sum / count
+        for _ in range(_TRIALS):
+            signs = 2.0 * rng.integers(2, size=(pixels, 1, count), dtype=np.int8) - 1.0
+            shaken = (signs @ self.radiance)[:, 0] - signs.sum(axis=2) * self._sum / count
             errors.append(shaken / math.sqrt(max(count - 1, 1)))
         return errors
 

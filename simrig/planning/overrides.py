@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from simrig.core import backend
-from simrig.core.effects import Decision, Overrides
+from simrig.core.effects import Decision, Overrides, Tolerance
 from simrig.core.errors import SimrigError
-from simrig.planning.effects import EFFECT_NAMES
+from simrig.planning.effects import EFFECT_NAMES, INTER_REFLECTION
 from simrig.planning.environment import check_environment
 from simrig.planning.subject import SceneSubject
 
@@ -65,10 +65,18 @@ def concerning(overrides: Overrides, effects: Iterable[Any]) -> Overrides:
     )
 
 
-def must_follow_paths(subject: SceneSubject, overrides: Overrides) -> bool:
-    """Return whether inter-reflection is simulated whatever the other bounds are."""
-    left_out = any(name in overrides.disable for name in ("inter-reflection", *_NEEDED_BY_PATHS))
-    return bool(subject.survey.unknown) and not left_out
+def must_follow_paths(subject: SceneSubject, overrides: Overrides, allowed: Tolerance) -> bool:
+    """Return whether inter-reflection is simulated whatever the other bounds are.
+
+    Its own is asked first: paths see what is in their way, so that nothing has to be asked about
+    shadows where they are followed.
+    """
+    if any(name in overrides.disable for name in ("inter-reflection", *_NEEDED_BY_PATHS)):
+        return False
+    if "inter-reflection" in overrides.enable:
+        return True
+    bound = INTER_REFLECTION.bound(subject, allowed)
+    return bound is None or bound.value > allowed.amount
 
 
 def with_paths(decisions: tuple[Decision, ...], overrides: Overrides) -> tuple[Decision, ...]:

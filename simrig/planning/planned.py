@@ -6,14 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import mitsuba as mi
-
 from simrig.core.effects import Plan
 from simrig.planning.directional import Environment
 from simrig.planning.integrators import direct_integrator, path_integrator
 from simrig.planning.light_tracing import light_tracer
+from simrig.planning.loading import subject_of_plan
 from simrig.planning.mesostructure import structure_within
-from simrig.planning.source import scene_source_in
 from simrig.rendering import render as rendering
 
 
@@ -30,13 +28,8 @@ def planned_render(
         plan: from ``plan_scene``.
         seed, progress: see ``rendering.render``.
     """
-    before = mi.variant()
-    try:
-        source = scene_source_in(scene, plan.settings["variant"])
-        return render_loaded(rendering.load(source.build()), plan, seed, progress)
-    finally:
-        if before is not None and mi.variant() != before:
-            mi.set_variant(before)
+    with subject_of_plan(scene, plan) as subject:
+        return render_loaded(subject.scene, plan, seed, progress)
 
 
 def render_loaded(

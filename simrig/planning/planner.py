@@ -7,11 +7,8 @@ beyond the path depth use what remains of it), the other half for the noise of s
 
 from __future__ import annotations
 
-import gc
 import math
-import traceback
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -30,14 +27,15 @@ from simrig.core.effects import (
     parse_tolerance,
     replaced,
 )
-from simrig.core.errors import SimrigError
 from simrig.planning.costs import USUAL_SPP, shadow_seconds
 from simrig.planning.doubts import Doubt, light_tracing_sees_all
-from simrig.planning.effects import ANTI_ALIASING, SCENE_EFFECTS, SPECTRAL, spectral_bound
+from simrig.planning.effects import ANTI_ALIASING, SCENE_EFFECTS, SPECTRAL
 from simrig.planning.environment import ENVIRONMENT, decide_environment, without_map
 from simrig.planning.expectation import expectation
 from simrig.planning.integrators import DIRECT_DEPTH, UNLIMITED, path_integrator
 from simrig.planning.light_tracing import light_tracer
+from simrig.planning.loading import planned_subject, planning_times
+from simrig.planning.looks import MOST_SECONDS, size_looks
 from simrig.planning.mesostructure import MESOSTRUCTURE, decide_mesostructure, structure_within
 from simrig.planning.noise import nearest_samples
 from simrig.planning.overrides import (
@@ -50,14 +48,12 @@ from simrig.planning.overrides import (
 from simrig.planning.planned import direct_light
 from simrig.planning.probe import PATH_SAMPLES, probe
 from simrig.planning.sampled import SampledSubject
-from simrig.planning.source import SceneSource, scene_source_in
 from simrig.planning.subject import SceneSubject
 from simrig.planning.view import SAMPLER
-from simrig.plugins.make import CannotBuildError
 from simrig.rendering import render as rendering
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
-MOST_SECONDS = 300.0  # that a picture takes when nothing is said of its time
+_NOISE_SHARE = 0.7  # of what is left of a tolerance, see ``_noise_share``
 OVER_TIME = (0.25, 1.0, 4.0)  # of the samples, for the table of error over seconds
 _RARE = Doubt(
     "few samples carry most of the light, and more that were not met may carry as much",
@@ -78,8 +74,8 @@ def plan_scene(
     """Return which effects a picture of a scene calls for, and the settings that follow.
 
     Args:
-        scene: a Mitsuba dictionary, a loaded scene, the path of an XML file, or a function that
-            returns one of the first two for the current variant.
+        scene: a Mitsuba dictionary, a loaded scene, the path of an XML file, a function that
+            returns one of the first two for the current variant, or what ``planned_subject`` gives.
         tolerance: how far the picture may be from the converged one with every effect.
         enable, disable, everything: effects that the user decides about, see
             ``simrig.core.effects.Overrides``.
@@ -93,7 +89,7 @@ def plan_scene(
         The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
         ``max_depth``), ``about`` the exposure, what ``expectation`` says of the tolerance being
         kept, ``render_s``, the seconds that the picture is expected to take, and the seconds of
-        planning; compilation apart.
+        planning; loading the scene and compilation apart.
 
     Raises:
         SimrigError: a scene that cannot be built, a scalar variant, an unknown effect or
@@ -104,91 +100,7 @@ def plan_scene(
     loading = planned_subject(scene, overrides, variant, exposure, sensor)
     with loading as subject, rendering.timed() as clock:
         plan = plan_subject(subject, tolerance, overrides)
-    times = {
-        "planning_s": subject.seconds + clock.run_seconds,
-        "planning_compile_s": subject.compile_seconds + clock.compile_seconds,
-    }
-    return replace(plan, about={**plan.about, **times})
-
-
-@contextmanager
-def planned_subject(
-    scene: Any,
-    overrides: Overrides,
-    variant: str = "auto",
-    exposure: float | Callable[[np.ndarray], float] | None = None,
-    sensor: int = 0,
-) -> Iterator[SceneSubject]:
-    """Load a scene in the variant that it calls for, which is set while the context lasts.
-
-    Args:
-        scene, variant, exposure, sensor: see ``plan_scene``.
-        overrides: what the user decided.
-
-    Raises:
-        SimrigError: a scene that cannot be built, or a variant in which nothing can be planned.
-    """
-    before = mi.variant()
-    try:
-        source = scene_source_in(scene, variant, sensor)
-        first = backend.current()
-        if "polarized" in first:
-            raise SimrigError(
-                f"'{first}' is not planned: plan in a variant without polarisation, or render "
-                "with --spp and --integrator"
-            )
-        yield _in_a_variant(source, overrides, exposure)
-    except RuntimeError as error:
-        raise SimrigError(
-            f"the scene cannot be rendered in the variant '{mi.variant()}': {_forgotten(error)}"
-        ) from None
-    finally:
-        if before is not None and mi.variant() != before:
-            mi.set_variant(before)
-
-
-def _in_a_variant(
-    source: SceneSource,
-    overrides: Overrides,
-    exposure: float | Callable[[np.ndarray], float] | None,
-) -> SceneSubject:
-    """Return the scene in the variant that it calls for, in the other one where that fails.
-
-    Data that are there in one of them only say so when they are looked at.
-    """
-    wanted = _wanted_variant(source, overrides)
-    tried = [wanted]
-    if source.reconstructs and overrides.of(SPECTRAL) is None and _other(wanted) != wanted:
-        tried.append(_other(wanted))
-    refusal = ""
-    for variant in tried:
-        backend.select(variant) if variant in backend.VARIANTS else backend.equip()
-        try:
-            with rendering.timed() as clock:
-                subject = SceneSubject(source, exposure)
-                subject.try_out()
-        except CannotBuildError as error:
-            refusal = refusal or _forgotten(error)
-        except RuntimeError as error:
-            why = f"the scene cannot be rendered in the variant '{variant}': {_forgotten(error)}"
-            refusal = refusal or why
-        else:
-            subject.seconds, subject.compile_seconds = clock.run_seconds, clock.compile_seconds
-            subject.refused = refusal
-            return subject
-    raise SimrigError(refusal)
-
-
-def _forgotten(error: Exception) -> str:
-    """Return the last line of an error, and let go of the scene at which it happened.
-
-    Dr.Jit calls the methods of all objects that are alive: one that cannot be evaluated in its
-    variant, kept by a traceback, would stop every other scene of that variant.
-    """
-    reason = str(error).strip().splitlines()[-1].strip()
-    traceback.clear_frames(error.__traceback__)
-    gc.collect()
-    return reason
+    return replace(plan, about={**plan.about, **planning_times(subject, clock)})
 
 
 def plan_subject(
@@ -204,8 +116,9 @@ def plan_subject(
             allows by default, and ``MOST_SECONDS`` at most.
     """
     check_possible(subject, overrides)
-    subject.follows_paths = must_follow_paths(subject, overrides)
     allowed, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
+    size_looks(subject, noise, seconds)
+    subject.follows_paths = must_follow_paths(subject, overrides, allowed)
     decisions = decide(SCENE_EFFECTS, subject, allowed, concerning(overrides, SCENE_EFFECTS))
     decisions = _as_the_variant_allows(subject, decisions)
     decisions = with_paths(without_map(subject, decisions, overrides), overrides)
@@ -224,6 +137,8 @@ def plan_subject(
     else:
         with structure_within(subject.scene, within):
             sampled = _sampled(subject, integrator, bool(within))
+    missing = deeper + averaged
+    noise = tolerance.times(_noise_share(sampled, tolerance, left_out(decisions) + missing))
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
     spp, smoothing, random = _samples(sampled, smoothing, noise, seconds)
     if sampled.hopeless(noise):
@@ -242,7 +157,6 @@ def plan_subject(
         settings["lights"] = lights
     if within:
         settings["structure_within_mm"] = within
-    missing = deeper + averaged
     expected = expectation(tolerance, decisions, missing, random, spp, doubts)
     about = {
         "exposure": subject.exposure,
@@ -255,6 +169,17 @@ def plan_subject(
     }
     costed = tuple(_costed(_explained(subject, decision), spp) for decision in decisions)
     return Plan((*costed, smoothing), settings, tolerance, about)
+
+
+def _noise_share(sampled: SampledSubject, tolerance: Tolerance, missing: float) -> float:
+    """Return the share of a tolerance for the noise of sampling.
+
+    Most of what nothing else uses, since expected noise is an estimate; half of the tolerance at
+    least, and no more than that where the samples have a heavy tail, of which less is known.
+    """
+    if sampled.heavy_tailed(tolerance):
+        return 1.0 - LEFT_OUT_SHARE
+    return max(1.0 - LEFT_OUT_SHARE, _NOISE_SHARE * (1.0 - missing / tolerance.amount))
 
 
 def _standing_doubts(
@@ -349,26 +274,6 @@ def _depth(
     return DIRECT_DEPTH + orders, bounds.values[orders]
 
 
-def _wanted_variant(source: SceneSource, overrides: Overrides) -> str:
-    """Return the spectral variant or that of RGB, as the decision about spectra will be.
-
-    It needs no look at the scene, and some spectra cannot be looked at in RGB.
-    """
-    variant = backend.current()
-    asked = overrides.of(SPECTRAL, spectral_bound(source, ""))
-    spectral = asked[0] if asked else spectral_bound(source, "") is None
-    if source.reconstructs and spectral != ("spectral" in variant):
-        return _other(variant)
-    return variant
-
-
-def _other(variant: str) -> str:
-    """Return the RGB variant of a spectral one, and the other way round."""
-    if "spectral" in variant:
-        return variant.replace("spectral", "rgb")
-    return variant.replace("rgb", "spectral")
-
-
 def _integrator(
     subject: SceneSubject, decisions: tuple[Decision, ...], depth: int, lights: int | None
 ) -> dict[str, Any]:
@@ -390,15 +295,20 @@ def _sampled(
         paths = subject.paths
         radiance = paths.radiance(integrator["max_depth"])
         return SampledSubject(subject, radiance, paths.seconds_per_sample)
-    seen, seconds = subject.probe, subject.probe.seconds_per_sample
     known = subject.survey.only_delta_lights and kind != "volpath"  # but for the test of shadows
-    if averaged or not (known or integrator == subject.direct):
+    tested = 0.0
+    if not averaged and integrator == subject.everything:
+        seen = subject.all_orders
+    elif not averaged and known:
+        seen = subject.probe
+        more = integrator.get("shadows", True) - subject.direct.get("shadows", True)
+        tested = more * shadow_seconds(subject)
+    elif not averaged and integrator == subject.direct and subject.samples >= PATH_SAMPLES:
+        seen = subject.probe
+    else:
         samples = subject.samples if kind == "simrig_all_lights" else PATH_SAMPLES
         seen = probe(subject.view, integrator, samples)
-        seconds = seen.seconds_per_sample
-    elif known:
-        tested, looked = (one.get("shadows", True) for one in (integrator, subject.direct))
-        seconds += (tested - looked) * shadow_seconds(subject)
+    seconds = seen.seconds_per_sample + tested
     return SampledSubject(subject, seen.radiance, seconds, exact=known)
 
 

@@ -37,6 +37,7 @@ class SampledSubject:
         self.seconds_per_sample = seconds_per_sample
         self.together = together
         self.exact = exact
+        self._noises: dict[str, SamplingNoise] = {}
 
     def change(self, tolerance: Tolerance, spp: int) -> float:
         """Return the expected change of a picture with ``spp`` samples per pixel."""
@@ -62,7 +63,16 @@ class SampledSubject:
         """Whether no number of samples says how far the picture is off."""
         return not self.subject.source.pixel_centres and self._noise(tolerance).tail.hopeless
 
+    def heavy_tailed(self, tolerance: Tolerance) -> bool:
+        """Whether few of the samples carry much, so that more of them would tell more."""
+        return self._noise(tolerance).tail.heavy
+
     def _noise(self, tolerance: Tolerance) -> SamplingNoise:
+        if tolerance.metric not in self._noises:
+            self._noises[tolerance.metric] = self._new_noise(tolerance)
+        return self._noises[tolerance.metric]
+
+    def _new_noise(self, tolerance: Tolerance) -> SamplingNoise:
         view = self.subject.view
         per_pass = max(rendering.SAMPLES_PER_PASS // view.pixels, 1)
         display = self.subject.display(tolerance)

@@ -22,7 +22,7 @@ from simrig.planning.integrators import (
     path_integrator,
 )
 from simrig.planning.interreflection import IndirectBounds, indirect_bounds
-from simrig.planning.light_tracing import LightTraced, Verdict, compare, trace_light
+from simrig.planning.light_tracing import PARTICLES, LightTraced, Verdict, compare, trace_light
 from simrig.planning.occlusion import can_shadow
 from simrig.planning.places import Places
 from simrig.planning.probe import (
@@ -50,9 +50,12 @@ class SceneSubject:
         scene: the scene, loaded in the current variant.
         view: the sensor that looks.
         survey: its bodies and lights.
-        seconds, compile_seconds: what loading it and the first look took.
+        loading_seconds: what loading it took.
+        seconds, compile_seconds: what the first look took.
         refused: why it could not be looked at in the variant that its data call for; empty else.
         follows_paths: whether it is known that paths are traced, before anything is bounded.
+        path_count: paths that a look follows; 0 before that was decided.
+        affordable_paths: as many more as the picture is worth.
         exposure: of the display; by default ``display_exposure`` of ``picture``.
     """
 
@@ -62,7 +65,9 @@ class SceneSubject:
         exposure: float | Callable[[np.ndarray], float] | None = None,
     ) -> None:
         self.source = source
-        self.scene = rendering.load(source.build())
+        with rendering.timed() as clock:
+            self.scene = rendering.load(source.build())
+        self.loading_seconds = clock.run_seconds
         count = len(self.scene.sensors())
         if not count:
             raise SimrigError("the scene has no camera: add a sensor")
@@ -74,6 +79,7 @@ class SceneSubject:
         self.view = View(self.scene, source.sensor)
         self.survey = Survey(self.scene)
         self.follows_paths = False
+        self.path_count, self.affordable_paths = 0, 0
         self._exposure = exposure
         self.seconds, self.compile_seconds, self.refused = 0.0, 0.0, ""
         self._doubts: dict[str, tuple[Doubt, ...]] = {}
@@ -101,10 +107,12 @@ class SceneSubject:
     @cached_property
     def probe(self) -> CameraProbe:
         """Some pixels in direct light."""
-        lights = self.survey.delta_lights
         # what is left to chance is the place in a pixel; many lights take their time
-        exact = self.survey.only_delta_lights and len(lights) > _FEW_LIGHTS
-        return probe(self.view, self.direct, SAMPLES if exact else PATH_SAMPLES)
+        delta = self.survey.only_delta_lights
+        exact = delta and len(self.survey.delta_lights) > _FEW_LIGHTS
+        # where paths tell orders apart, they are the picture
+        few = exact or (self.tells_orders and not delta)
+        return probe(self.view, self.direct, SAMPLES if few else PATH_SAMPLES)
 
     @property
     def samples(self) -> int:
@@ -114,15 +122,19 @@ class SceneSubject:
     @cached_property
     def all_orders(self) -> CameraProbe:
         """The pixels by paths of all orders, in scenes whose orders are not told apart."""
-        paths = path_integrator(self.scene, UNLIMITED, self.survey.has_media)
-        return probe(self.view, paths, PATH_SAMPLES)
+        return probe(self.view, self.everything, PATH_SAMPLES)
+
+    @cached_property
+    def everything(self) -> dict[str, Any]:
+        """The integrator of light of all orders."""
+        return path_integrator(self.scene, UNLIMITED, self.survey.has_media)
 
     @cached_property
     def picture(self) -> np.ndarray:
         """The pixels with light of all orders, (n, 3)."""
         if self.survey.has_media:
             return self.all_orders.picture
-        if self.survey.one_convex_body or not self.survey.bodies:
+        if not self.tells_orders:
             return self.probe.picture
         return np.asarray(self.paths.halves.sum(axis=0).mean(axis=1))
 
@@ -164,7 +176,21 @@ class SceneSubject:
     @cached_property
     def paths(self) -> PathProbe:
         """The looked-at pixels, told apart by orders of reflection."""
-        return self.probe_paths(PATHS)
+        return self.probe_paths(self.path_count or PATHS[-1])
+
+    @property
+    def tells_orders(self) -> bool:
+        """Whether there may be light that was reflected more than once, told apart by orders."""
+        survey = self.survey
+        return bool(survey.bodies) and not (survey.has_media or survey.one_convex_body)
+
+    def look_along_paths(self, count: int) -> None:
+        """Look along about ``count`` paths; what followed from fewer is forgotten."""
+        self.path_count = count
+        for known in ("paths", "picture", "exposure"):
+            self.__dict__.pop(known, None)
+        self._doubts.clear()
+        self._indirect.clear()
 
     @cached_property
     def places(self) -> Places:
@@ -208,7 +234,7 @@ class SceneSubject:
     @cached_property
     def light_traced(self) -> LightTraced | None:
         """The picture by particles from the lamps, None where they cannot be traced."""
-        return trace_light(self.view)
+        return trace_light(self.view, self.affordable_paths or PARTICLES)
 
     def second_opinion(self, tolerance: Tolerance) -> Verdict | None:
         """Return what particles from the lamps say of the picture by paths."""

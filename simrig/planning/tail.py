@@ -46,6 +46,11 @@ class Tail:
         """Whether the mean itself is carried by what no sample has met; ``change`` is 0 then."""
         return self.exponent <= _HOPELESS
 
+    @property
+    def heavy(self) -> bool:
+        """Whether the variance of samples does not say all."""
+        return self.exponent <= _FINITE
+
     def change(self, spp: int, pixels: int, display: Display, picture: np.ndarray) -> float:
         """Return what events beyond the largest found change in a picture of ``spp`` samples.
 
@@ -59,7 +64,7 @@ class Tail:
             display: measures changes.
             picture: (n, 3) radiance of pixels.
         """
-        if self.exponent > _FINITE or self.hopeless or not len(picture):
+        if not self.heavy or self.hopeless or not len(picture):
             return 0.0
         lit = picture[(picture > 0.0).any(axis=1)]
         if not len(lit):

@@ -15,16 +15,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
-from simrig.core.effects import DISABLED, Plan, replaced
+from simrig.core.effects import DISABLED, Overrides, Plan, replaced
 from simrig.planning.change import Display
 from simrig.planning.integrators import UNLIMITED, path_integrator
 from simrig.planning.light_tracing import light_tracer
+from simrig.planning.loading import subject_of_plan
 from simrig.planning.planned import as_planned, render_loaded
-from simrig.planning.planner import plan_scene
-from simrig.planning.source import scene_source_in
+from simrig.planning.planner import plan_subject
+from simrig.planning.subject import SceneSubject
 from simrig.planning.survey import Survey
 from simrig.planning.view import View
 from simrig.rendering import render as rendering
@@ -74,17 +74,14 @@ def verified_render(
         was ``checked`` (a picture by particles was, before it was planned), what was
         ``switched_on``, and the ``seconds`` it took.
     """
-    before = mi.variant()
-    try:
-        source = scene_source_in(scene, plan.settings["variant"])
-        loaded = rendering.load(source.build())
+    with subject_of_plan(scene, plan) as subject:
         switched: list[str] = []
         spent = 0.0
         while True:
-            result = render_loaded(loaded, plan, seed, progress)
+            result = render_loaded(subject.scene, plan, seed, progress)
             if plan.settings["integrator"] == light_tracer()["type"]:
                 return result, _reported(plan, Check(0.0, 0, 0.0), False, switched, spent)
-            estimate = Estimate(View(loaded, plan.settings.get("sensor", 0)), plan)
+            estimate = Estimate(subject.view, plan)
             check = estimate.check(result.image, max(SHARE * result.run_seconds, LEAST_SECONDS))
             spent += check.seconds
             contradicted = check.least > max(plan.tolerance.amount, _LEAST[plan.tolerance.metric])
@@ -92,23 +89,15 @@ def verified_render(
             if not cause:
                 return result, _reported(plan, check, contradicted, switched, spent)
             switched.append(cause)
-            plan = _with(scene, plan, switched)
-    finally:
-        if before is not None and mi.variant() != before:
-            mi.set_variant(before)
+            plan = _with(subject, plan, switched)
 
 
-def _with(scene: Any, plan: Plan, effects: list[str]) -> Plan:
+def _with(subject: SceneSubject, plan: Plan, effects: list[str]) -> Plan:
     """Return the plan of a scene with effects forced on, at the same exposure."""
     left_out = [d.effect for d in plan.effects if not d.on and d.why == DISABLED]
-    found = plan_scene(
-        scene,
-        plan.tolerance,
-        enable=tuple(effects),
-        disable=tuple(name for name in left_out if name not in effects),
-        exposure=plan.about["exposure"],
-        sensor=plan.settings.get("sensor", 0),
-    )
+    disable = tuple(name for name in left_out if name not in effects)
+    found = plan_subject(subject, plan.tolerance, Overrides(tuple(effects), disable))
+    found = replace(found, about={**plan.about, **found.about})
     if "inter-reflection" in effects:
         return replace(found, settings={**found.settings, "depth": UNLIMITED})
     return found
