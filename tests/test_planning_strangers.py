@@ -16,9 +16,9 @@ from simrig.core.effects import Overrides, parse_tolerance, replaced
 from simrig.core.errors import SimrigError
 from simrig.planning import plan_budget, plan_scene, planned_render, verified_render
 from simrig.planning.change import Display
+from simrig.planning.loading import planned_subject
 from simrig.planning.maxima import brightest_of, matte_albedo
 from simrig.planning.noise import SamplingNoise
-from simrig.planning.loading import planned_subject
 from simrig.planning.shape_form import box_of, form_of, turns_normals
 from simrig.planning.source import scene_source
 from simrig.planning.survey import Survey
