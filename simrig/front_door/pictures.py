@@ -194,8 +194,8 @@ def render(
         return rendering.render(loaded, _SPP if spp is None else spp, seed, integrator, progress)
     if plan is not None:
         return _by_plan(scene, plan, verify, seed, progress)
-    decided = checked_overrides(enable, disable, everything)
-    with planned_subject(scene, decided) as at_work:  # loaded once
+    overrides = checked_overrides(enable, disable, everything)
+    with planned_subject(scene, overrides) as at_work:  # loaded once
         plan = _planned(at_work, tolerance, enable, disable, everything)
         return _by_plan(at_work, plan, verify, seed, progress)
 
