@@ -117,7 +117,7 @@ def keyhole() -> dict:
     """Return a bright lamp behind a wall with a small hole."""
     half, hole = 2.0, 0.04
     side = (half - hole) / 2.0
-    things = {}
+    things: dict[str, Any] = {}
     for name, x, y, wide, deep in (
         ("left", -hole - side, 0.0, side, half),
         ("right", hole + side, 0.0, side, half),
@@ -131,7 +131,7 @@ def keyhole() -> dict:
 
 def corridor() -> dict:
     """Return a ball between two mirrors, lit by a lamp above them."""
-    things = {
+    things: dict[str, Any] = {
         name: _plate((x, 0.0, 1.0), (1.0, 3.0, 1.0), turn, bsdf={"type": "conductor"})
         for name, x, turn in (("left", -1.0, 90.0), ("right", 1.0, -90.0))
     }
@@ -207,7 +207,7 @@ def instances() -> dict:
             "bsdf": {"type": "plastic"},
         },
     }
-    things: dict[str, dict] = {
+    things: dict[str, Any] = {
         f"copy{index}": {
             "type": "instance",
             "to_world": _at((0.8 * index - 1.2, 0.3 * index - 0.5, 0.0), 0.4 + 0.15 * index),

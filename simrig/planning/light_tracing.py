@@ -23,6 +23,7 @@ _BLOCKS = 8  # along either side of the picture
 _CERTAIN = 3.0  # standard errors
 _CLEAR, _NEGLIGIBLE = 5.0, 0.02  # standard errors, and the part of the mean, of one block
 _PARTS = 8
+_EVEN = "ConstantBackgroundEmitter"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +71,16 @@ def light_tracer() -> dict[str, Any]:
 def trace_light(view: View, particles: int = PARTICLES) -> LightTraced | None:
     """Return the picture by particles, None where Mitsuba cannot trace them.
 
+    Under an environment map its particles carry the wrong amount of light: of an even one, turned
+    by 90°, 2.5 times too much (Mitsuba 3.9.1).
+
     Args:
         view: of the picture.
         particles: about how many; ``FEWEST`` at least and ``PARTICLES`` at most.
     """
+    around = view.scene.environment()
+    if around is not None and around.class_name() != _EVEN:
+        return None
     particles = min(max(particles, FEWEST), PARTICLES)
     spp = max(particles // _PARTS // view.pixels, 1)
     try:
