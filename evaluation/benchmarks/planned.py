@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from simrig.core import backend
-from simrig.core.errors import SimrigError
-from simrig.core.tables import text_table
+from simrig.core.progress import tracked
+from simrig.core.tables import Column, record_table
 from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
 from simrig.files.load import load_material
 from simrig.planning import plan_scene, planned_integrator, planned_render
@@ -57,12 +57,8 @@ def run(
     variant = backend.select(variant)
     cells = [(scene, material) for scene in BY_HAND for material in MATERIALS]
     rows = []
-    for done, (scene, material) in enumerate(cells):
-        if progress is not None:
-            progress(done, len(cells), f"{scene}, {material}")
-        rows.append(compare(scene, material, resolution, rounds))
-    if progress is not None:
-        progress(len(cells), len(cells))
+    for cell in tracked(cells, progress, ", ".join):
+        rows.append(compare(*cell, resolution, rounds))
     return {
         "benchmark": "planned",
         "variant": variant,
@@ -218,33 +214,24 @@ BY_HAND: dict[str, Callable[[Any, int], dict[str, Any]]] = {
 
 def table(results: dict[str, Any]) -> Any:
     """Return the results as a table for the terminal."""
-    if not results.get("rows"):
-        raise SimrigError("these results hold no rows of the benchmark 'planned'")
-    columns = ["scene, material", "spp", "planned [s]", "by hand [s]", "ratio (95 %)", "kernels"]
-    columns += ["same integrator", "kernels", "planning [s]", "ΔE"]
-    rows = [
-        [
-            f"{row['scene']}, {row['material']}",
-            str(row["spp"]),
-            f"{row['planned_seconds']:.4f}",
-            f"{row['minimal_seconds']:.4f}",
-            *_shown(row),
-            *_shown(row["same"]),
-            f"{row['planning_seconds']:.3f}",
-            f"{row['delta_e']:.3f}",
-        ]
-        for row in results["rows"]
-    ]
+    ratio, kernels = "{ratio:.3f} ({interval[0]:.2f} to {interval[1]:.2f})", "{kernel_ratio:.3f}"
+    columns: dict[str, Column] = {
+        "scene, material": "{scene}, {material}",
+        "spp": "{spp}",
+        "planned [s]": "{planned_seconds:.4f}",
+        "by hand [s]": "{minimal_seconds:.4f}",
+        "ratio (95 %)": ratio,
+        "kernels": kernels,
+        "same integrator": lambda row: ratio.format_map(row["same"]),
+        "its kernels": lambda row: kernels.format_map(row["same"]),
+        "planning [s]": "{planning_seconds:.3f}",
+        "ΔE": "{delta_e:.3f}",
+    }
     within = sum(row["ratio"] <= ALLOWED for row in results["rows"])
     same = sum(row["same"]["ratio"] <= ALLOWED for row in results["rows"])
     title = (
         f"Direct light only, {results['variant']}, {results['resolution']} pixels wide, planned "
         f"for {results['tolerance']}; medians of {results['rounds']} turns; ratio at most "
-        f"{ALLOWED:g} in {within} of {len(rows)}, of the same integrator in {same}"
+        f"{ALLOWED:g} in {within} of {len(results['rows'])}, of the same integrator in {same}"
     )
-    return text_table(title, columns, rows)
-
-
-def _shown(ratios: dict[str, Any]) -> list[str]:
-    low, high = ratios["interval"]
-    return [f"{ratios['ratio']:.3f} ({low:.2f} to {high:.2f})", f"{ratios['kernel_ratio']:.3f}"]
+    return record_table(title, columns, results["rows"])

@@ -16,16 +16,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from simrig.brdf import Brdf, Ward, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.arrays import table_bytes
-from simrig.core.errors import SimrigError
-from simrig.core.tables import text_table
-from simrig.evaluation.benchmarks.timing import side_by_side, stage_of
+from simrig.core.tables import MIB, Column, known, record_table, scaled
+from simrig.evaluation.benchmarks.timing import (
+    MEDIAN,
+    pictures_of,
+    rendering,
+    side_by_side,
+    stage_of,
+)
 from simrig.evaluation.metrics.images import delta_e_map
 from simrig.files.rgl.writer import write_rgl
 from simrig.plans.along_slices import SlicePlan
@@ -135,20 +139,12 @@ def _cell(
 
     integrator = mi.load_dict({"type": integrator_name})
     pictures: dict[str, Any] = {}
-
-    def job(name: str, scene: Any) -> Callable[[], None]:
-        def once() -> None:
-            pictures[name] = mi.render(scene, integrator=integrator, spp=spp, seed=mi.UInt32(1))
-            dr.eval(pictures[name])
-
-        return once
-
     jobs = {}
     for name, make in materials.items():
         description = build_scene(scene_name, make(), resolution=resolution, **SCENES[scene_name])
-        jobs[name] = job(name, load(description))
+        jobs[name] = rendering(load(description), pictures, name, spp, integrator=integrator)
     timings = side_by_side(jobs, rounds, progress)
-    images = {name: np.maximum(np.array(p)[..., :3], 0.0) for name, p in pictures.items()}
+    images = pictures_of(pictures)
     height, width = images["principled"].shape[:2]
     samples = height * width * spp
     reference = images["simrig_kurt"]
@@ -165,10 +161,7 @@ def _cell(
                 "material": name,
                 "samples_per_second": samples / timing.median,
                 "kernel_samples_per_second": samples / timing.kernel if timing.kernel else None,
-                "first_seconds": timing.first,
-                "median_seconds": timing.median,
-                "fastest_seconds": timing.fastest,
-                "slowest_seconds": timing.slowest,
+                **timing.as_dict(),
                 "delta_e": delta_e,
                 "bytes": sizes[name],
                 **{
@@ -179,35 +172,25 @@ def _cell(
     return rows
 
 
-def _rate(samples_per_second: float | None) -> str:
-    return "–" if samples_per_second is None else f"{samples_per_second / 1e6:.1f}"
-
-
 def table(results: dict[str, Any]) -> Any:
     """Return the results as a table for the terminal."""
-    if not results.get("rows"):
-        raise SimrigError("these results hold no rows of the benchmark 'plugins'")
-    columns = ["scene, integrator", "material", "M/s", "M/s, kernels", "÷ princ.", "÷ rough."]
-    columns += ["÷ meas.", "÷ meas. iso.", "first [s]", "median [s] (range)", "ΔE", "MiB"]
-    rows = []
-    for row in results["rows"]:
-        rows.append(
-            [
-                f"{row['scene']}, {row['integrator']}",
-                row["material"],
-                f"{row['samples_per_second'] / 1e6:.1f}",
-                _rate(row.get("kernel_samples_per_second")),
-                *(f"{row[f'ratio_to_{other}']:.2f}" for other in BUILT_IN),
-                f"{row['first_seconds']:.2f}",
-                f"{row['median_seconds']:.3f} "
-                f"({row['fastest_seconds']:.3f}–{row['slowest_seconds']:.3f})",
-                "–" if row["delta_e"] is None else f"{row['delta_e']:.2f}",
-                f"{row['bytes'] / 2**20:.1f}" if row["bytes"] else "–",
-            ]
-        )
+    columns: dict[str, Column] = {
+        "scene, integrator": "{scene}, {integrator}",
+        "material": "{material}",
+        "M/s": scaled("samples_per_second", 1e-6, "{:.1f}"),
+        "M/s, kernels": scaled("kernel_samples_per_second", 1e-6, "{:.1f}"),
+        "÷ princ.": "{ratio_to_principled:.2f}",
+        "÷ rough.": "{ratio_to_roughconductor:.2f}",
+        "÷ meas.": "{ratio_to_measured:.2f}",
+        "÷ meas. iso.": "{ratio_to_measured_isotropic:.2f}",
+        "first [s]": "{first_seconds:.2f}",
+        "median [s] (range)": MEDIAN,
+        "ΔE": known("{delta_e:.2f}"),
+        "MiB": scaled("bytes", MIB, "{:.1f}"),
+    }
     title = (
         f"Million samples/s by the clock (ratios too) and of the kernels; {results['variant']}, "
         f"{results['resolution']}² pixels, {results['spp']} spp, median of {results['rounds']}; "
         "ΔE to the analytic material"
     )
-    return text_table(title, columns, rows)
+    return record_table(title, columns, results["rows"])

@@ -13,7 +13,7 @@ import numpy as np
 
 from simrig.brdf import kurt_material
 from simrig.core.tables import text_table
-from simrig.evaluation.benchmarks.timing import side_by_side
+from simrig.evaluation.benchmarks.timing import MEDIAN, side_by_side
 from simrig.plans.adaptive import AdaptiveSamples
 from simrig.plans.along_slices import SlicePlan, slice_samples
 from simrig.plans.placement import SlicePlacement
@@ -61,10 +61,7 @@ def run(
         "rows": [
             {
                 "method": name,
-                "first_seconds": timing.first,
-                "median_seconds": timing.median,
-                "fastest_seconds": timing.fastest,
-                "slowest_seconds": timing.slowest,
+                **timing.as_dict(),
                 "ratio_to_simrig": timing.median / fastest,
             }
             for name, timing in timings.items()
@@ -136,8 +133,7 @@ def table(results: dict[str, Any]) -> Any:
     rows = [
         [
             row["method"],
-            f"{row['median_seconds']:.3f} "
-            f"({row['fastest_seconds']:.3f}–{row['slowest_seconds']:.3f})",
+            MEDIAN.format_map(row),
             f"{row['first_seconds']:.3f}",
             f"{row['ratio_to_simrig']:.1f}",
         ]

@@ -14,7 +14,8 @@ from simrig.brdf import kurt_material
 from simrig.brdf.tables.grid import to_dense
 from simrig.core import backend
 from simrig.core.arrays import table_bytes
-from simrig.core.tables import text_table
+from simrig.core.progress import tracked
+from simrig.core.tables import MIB, Column, record_table, scaled
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
@@ -36,9 +37,8 @@ def run(progress: Callable[..., None] | None = None) -> dict[str, Any]:
     types = backend.types("float32")
     truth = kurt_material(MATERIAL)
     rows = []
-    for done, (samples, (e_s, a_s, published)) in enumerate(LAYOUTS.items()):
-        if progress is not None:
-            progress(done, len(LAYOUTS))
+    for samples in tracked(LAYOUTS, progress):
+        e_s, a_s, published = LAYOUTS[samples]
         placement = SlicePlacement.from_degrees(e_s, a_s)
         measurement = Gonioreflectometer().measure(truth, SlicePlan(placement, samples))
         slices = reconstruct(measurement)
@@ -57,23 +57,18 @@ def run(progress: Callable[..., None] | None = None) -> dict[str, Any]:
                 "hardware_hours": measurement.cost.hardware_hours,
             }
         )
-    if progress is not None:
-        progress(len(LAYOUTS), len(LAYOUTS))
     return {"benchmark": "storage", "material": MATERIAL, "rows": rows}
 
 
 def table(results: dict[str, Any]) -> Any:
     """Return the results as a table for the terminal."""
-    rows = [
-        [
-            f"{row['samples']:,} ({row['placement']})",
-            f"{row['published_megabytes']:.1f}",
-            *(f"{row[f'{k}_bytes'] / 2**20:.2f}" for k in ("stored", "lookup", "differentiable")),
-            f"{row['mre_percent']:.2f}",
-            f"{row['hardware_hours']:.0f}",
-        ]
-        for row in results["rows"]
-    ]
-    columns = ["samples", "Table D.3 [MB]", "stored [MiB]", "look-up [MiB]"]
-    columns += ["differentiable [MiB]", "MRE [%]", "hardware [h]"]
-    return text_table(f"Storage of slices, {results['material']}", columns, rows)
+    columns: dict[str, Column] = {
+        "samples": "{samples:,} ({placement})",
+        "Table D.3 [MB]": "{published_megabytes:.1f}",
+        "stored [MiB]": scaled("stored_bytes", MIB, "{:.2f}"),
+        "look-up [MiB]": scaled("lookup_bytes", MIB, "{:.2f}"),
+        "differentiable [MiB]": scaled("differentiable_bytes", MIB, "{:.2f}"),
+        "MRE [%]": "{mre_percent:.2f}",
+        "hardware [h]": "{hardware_hours:.0f}",
+    }
+    return record_table(f"Storage of slices, {results['material']}", columns, results["rows"])

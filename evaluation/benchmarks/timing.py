@@ -9,9 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
+from simrig.core.progress import Progress, tracked
 from simrig.rendering.render import timed
+
+MEDIAN = "{median_seconds:.3f} ({fastest_seconds:.3f}–{slowest_seconds:.3f})"  # of ``as_dict``
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,11 @@ class Timing:
     rounds: int
     kernels: tuple[float, ...] = ()
 
+    def as_dict(self) -> dict[str, float]:
+        """Return the seconds as values of a row."""
+        names = ("first", "median", "fastest", "slowest")
+        return {f"{name}_seconds": getattr(self, name) for name in names}
+
     @property
     def kernel(self) -> float:
         """Median of ``kernels``."""
@@ -49,7 +58,7 @@ class Timing:
 def side_by_side(
     jobs: Mapping[str, Callable[[], Any]],
     rounds: int = 5,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, Timing]:
     """Time jobs in turn, A B C A B C ..., so that a drifting machine slows all alike.
 
@@ -60,20 +69,14 @@ def side_by_side(
     """
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     kernels: dict[str, list[float]] = {name: [] for name in jobs}
-    total = (rounds + 1) * len(jobs)
-    for turn in range(rounds + 1):
-        for number, (name, job) in enumerate(jobs.items()):
-            if progress is not None:
-                progress(turn * len(jobs) + number, total, name)
+    for name in tracked((rounds + 1) * list(jobs), progress, str):
+        dr.sync_thread()
+        with timed() as clock:
+            start = time.perf_counter()
+            jobs[name]()
             dr.sync_thread()
-            with timed() as clock:
-                start = time.perf_counter()
-                job()
-                dr.sync_thread()
-                seconds[name].append(time.perf_counter() - start)
-            kernels[name].append(clock.kernel_seconds)
-    if progress is not None:
-        progress(total, total)
+            seconds[name].append(time.perf_counter() - start)
+        kernels[name].append(clock.kernel_seconds)
     return {
         name: Timing(
             s[0], float(np.median(s[1:])), min(s[1:]), max(s[1:]), rounds, tuple(kernels[name][1:])
@@ -86,7 +89,7 @@ def one_alive(
     makers: Mapping[str, Callable[[], Callable[[], Any]]],
     rounds: int = 3,
     sweeps: int = 1,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, Timing]:
     """Time jobs of which each loads a scene of its own, with one scene alive at a time.
 
@@ -100,10 +103,7 @@ def one_alive(
         progress: called with scenes done and in total.
     """
     found: dict[str, list[Timing]] = {name: [] for name in makers}
-    for number in range(sweeps * len(makers)):
-        name = list(makers)[number % len(makers)]
-        if progress is not None:
-            progress(number, sweeps * len(makers), name)
+    for name in tracked(sweeps * list(makers), progress, str):
         found[name].append(side_by_side({name: makers[name]()}, rounds)[name])
         gc.collect()
     return {
@@ -119,9 +119,33 @@ def one_alive(
     }
 
 
-def stage_of(
-    progress: Callable[..., None] | None, number: int, count: int, label: str
-) -> Callable[..., None] | None:
+def rendering(
+    scene: Any, kept: dict[str, Any], name: str, spp: int, **settings: Any
+) -> Callable[[], None]:
+    """Return a job that renders a scene.
+
+    Args:
+        scene: a loaded scene.
+        kept: where the last picture stands under the name.
+        name: of the job.
+        spp: samples per pixel.
+        settings: of ``mitsuba.render``: an integrator, a sensor.
+    """
+
+    def once() -> None:
+        # the seed as an array: else every seed is a kernel of its own
+        kept[name] = mi.render(scene, spp=spp, seed=mi.UInt32(1), **settings)
+        dr.eval(kept[name])
+
+    return once
+
+
+def pictures_of(kept: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Return pictures that were rendered as linear RGB, (height, width, 3), none below 0."""
+    return {name: np.maximum(np.array(p)[..., :3], 0.0) for name, p in kept.items()}
+
+
+def stage_of(progress: Progress | None, number: int, count: int, label: str) -> Progress | None:
     """Return what reports the progress of one of several stages.
 
     Args:

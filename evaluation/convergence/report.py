@@ -12,20 +12,19 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from simrig.core.tables import text_table
+from simrig.core.tables import record_table
 from simrig.evaluation.convergence.results import Convergence, Point
 from simrig.files.atomic import atomic_write
 from simrig.viewing.plots import (
-    COLOURS,
-    MARKERS,
     finish_figure,
+    line_style,
     new_figure,
     pareto_front,
     plain_ticks,
 )
 
 _NO_RATES = "too few numbers of samples to fit how fast the noise falls: raise --budget-seconds"
-_METHOD = ("integrator", "sampler")
+_METHOD = {"integrator": "{integrator}", "sampler": "{sampler}"}
 _LABELS = {"dE": "mean ΔE", "psnr": "displayed RMS [steps of 255]", "relative": "relative error"}
 
 
@@ -54,22 +53,27 @@ def _front(points: Sequence[Point]) -> list[Point]:
 
 def _settings_table(points: Sequence[Point], every: bool) -> Any:
     title = "all settings" if every else "settings that none beats in both error and time"
-    columns = ("spp", "ΔE", "relative RMSE", "of that noise", "bias", "PSNR [dB]")
-    rows = []
-    for p in points:
-        errors = (f"{v:.3g}" for v in (p.delta_e, p.relative_rmse, p.noise, p.bias))
-        seconds = (f"{p.compile_seconds:.2f}", f"{p.run_seconds:.4f}")
-        rows.append((p.integrator, p.sampler, p.spp, *errors, f"{p.psnr:.1f}", *seconds))
-    return text_table(title, (*_METHOD, *columns, "compile [s]", "run [s]"), rows, left=(0, 1))
+    columns = _METHOD | {
+        "spp": "{spp}",
+        "ΔE": "{delta_e:.3g}",
+        "relative RMSE": "{relative_rmse:.3g}",
+        "of that noise": "{noise:.3g}",
+        "bias": "{bias:.3g}",
+        "PSNR [dB]": "{psnr:.1f}",
+        "compile [s]": "{compile_seconds:.2f}",
+        "run [s]": "{run_seconds:.4f}",
+    }
+    return record_table(title, columns, map(asdict, points), left=(0, 1))
 
 
 def _rates_table(result: Convergence) -> Any:
-    rows = (
-        (r.integrator, r.sampler, f"{r.slope:.3f}", f"{r.standard_error:.3f}", r.points)
-        for r in result.rates
-    )
+    columns = {
+        "slope": "{slope:.3f}",
+        "standard error": "{standard_error:.3f}",
+        "points": "{points}",
+    }
     title = "noise ∝ spp^slope (−0.5: Monte Carlo)"
-    return text_table(title, (*_METHOD, "slope", "standard error", "points"), rows, left=(0, 1))
+    return record_table(title, _METHOD | columns, map(asdict, result.rates), left=(0, 1))
 
 
 def _verdict(result: Convergence) -> str:
@@ -136,10 +140,8 @@ def _panel(panel: Axes, result: Convergence, points: Sequence[Point], key: str) 
     for number, name in enumerate(dict.fromkeys(getattr(p, key) for p in points)):
         own = [p for p in points if getattr(p, key) == name and p.error > 0.0]
         seconds, errors = np.array([[p.run_seconds, p.error] for p in own]).reshape(-1, 2).T
-        colour, marker = COLOURS[number % 7], MARKERS[number % 7]
-        panel.plot(
-            seconds, errors, color=colour, marker=marker, markerfacecolor="white", label=name
-        )
+        style = line_style(number)
+        panel.plot(seconds, errors, markerfacecolor="white", label=name, **style)
     amount, known = result.tolerance.amount, result.reference.error
     panel.axhline(amount, color="0.3", linewidth=1, label=f"tolerance ({result.tolerance})")
     if known > 0.0:

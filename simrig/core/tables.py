@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from string import Formatter
 from typing import Any
 
+MIB = 2.0**-20  # factor from bytes
 # what a column shows of a row: a format such as "{seconds:.2f} s", or a function of the row
 Column = str | Callable[[Any], Any]
 
@@ -84,6 +85,11 @@ def known(column: str) -> Column:
         return "–" if any(row.get(name) is None for name in names) else column.format_map(row)
 
     return shown_if_known
+
+
+def scaled(key: str, factor: float, format: str) -> Column:
+    """Return a column that shows a value times a factor, a dash where there is none."""
+    return lambda row: format.format(factor * row[key]) if row[key] else "–"
 
 
 def shown(column: Column, row: Mapping[str, Any]) -> Any:

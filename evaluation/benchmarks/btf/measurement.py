@@ -18,8 +18,8 @@ import numpy as np
 from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.core.effects import DEFAULT_TOLERANCE, parse_tolerance
-from simrig.core.errors import SimrigError
-from simrig.core.tables import text_table
+from simrig.core.progress import tracked
+from simrig.core.tables import Column, record_table
 from simrig.directions.schemes import scheme
 from simrig.mesostructure import build_tile
 from simrig.rigs.btf.bounces import plan_bounces
@@ -74,16 +74,12 @@ def run(
     ways += [(f"grid of shadows, {n} spp", 1, n, True) for n in _NOISE_SPP if n != spp]
     chosen = np.round(np.linspace(0, len(listed) - 1, views)).astype(int)
     rows = []
-    for done, (name, bounces, samples, grid) in enumerate(ways):
-        if progress is not None:
-            progress(done, len(ways), name)
+    for name, bounces, samples, grid in tracked(ways, progress, lambda way: way[0]):
         elapsed = stopwatch()
         camera = TileCamera(tile, towards, steepest, shape, samples, views=len(listed), grid=grid)
         built = elapsed()
         rows.append({"way": name, "bounces": bounces, "spp": samples, "built_seconds": built})
         rows[-1] |= _views(camera, towards, bounces, chosen)
-    if progress is not None:
-        progress(len(ways), len(ways))
     return {
         "benchmark": "btf-measurement",
         "variant": variant,
@@ -125,21 +121,15 @@ def _views(
 
 def table(results: dict[str, Any]) -> Any:
     """Return the results as a table for the terminal."""
-    if not results.get("rows"):
-        raise SimrigError("these results hold no rows of the benchmark 'btf-measurement'")
-    columns = ["way", "view [s]", "view [cpu s]", "all [s]", "all [cpu s]", "build [s]", "noise"]
-    rows = [
-        [
-            row["way"],
-            f"{row['seconds']:.2f}",
-            f"{row['cpu_seconds']:.2f}",
-            f"{row['all_seconds']:.0f}",
-            f"{row['all_cpu_seconds']:.0f}",
-            f"{row['built_seconds']:.1f}",
-            "–" if np.isnan(row["relative_error"]) else f"{100.0 * row['relative_error']:.1f} %",
-        ]
-        for row in results["rows"]
-    ]
+    columns: dict[str, Column] = {
+        "way": "{way}",
+        "view [s]": "{seconds:.2f}",
+        "view [cpu s]": "{cpu_seconds:.2f}",
+        "all [s]": "{all_seconds:.0f}",
+        "all [cpu s]": "{all_cpu_seconds:.0f}",
+        "build [s]": "{built_seconds:.1f}",
+        "noise": _noise,
+    }
     title = (
         f"{results['preset']} ({results['triangles']:,} triangles), {results['resolution']}² "
         f"texels, {results['spp']} spp, {results['variant']}: medians of "
@@ -147,4 +137,9 @@ def table(results: dict[str, Any]) -> Any:
         f"without writing; images {results['stack_bytes'] / 1e6:.0f} MB, peak memory "
         f"{results['peak_bytes'] / 1e6:.0f} MB"
     )
-    return text_table(title, columns, rows)
+    return record_table(title, columns, results["rows"])
+
+
+def _noise(row: dict[str, Any]) -> str:
+    share = row["relative_error"]
+    return "–" if np.isnan(share) else f"{100.0 * share:.1f} %"

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -27,8 +26,7 @@ from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
 from simrig.core import backend
-from simrig.core.errors import SimrigError
-from simrig.core.tables import text_table
+from simrig.core.tables import MIB, Column, known, record_table, scaled
 from simrig.directions.schemes import scheme
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.benchmarks.btf.scenes import (
@@ -41,7 +39,7 @@ from simrig.evaluation.benchmarks.btf.scenes import (
     cylinder,
     patch,
 )
-from simrig.evaluation.benchmarks.timing import one_alive, stage_of
+from simrig.evaluation.benchmarks.timing import one_alive, pictures_of, rendering, stage_of
 from simrig.evaluation.metrics.images import delta_e_map
 from simrig.mesostructure import build_tile
 from simrig.plans.gantry import GantryPlan
@@ -187,21 +185,22 @@ def _cell(
         def loaded() -> Callable[[], None]:
             scene = contest.loaders[name]()
 
-            def once() -> None:
-                pictures[name] = _render(contest, scene, described, contest.spp)
-
-            return once
+            return rendering(
+                scene, pictures, name, contest.spp, **_settings(contest, scene, described)
+            )
 
         return loaded
 
     names = list(contest.loaders)
     timings = one_alive({name: maker(name) for name in names}, rounds, sweeps, progress)
-    images = {name: np.maximum(np.array(p)[..., :3], 0.0) for name, p in pictures.items()}
+    images = pictures_of(pictures)
     reference = images[contest.reference]
     if contest.reference == STRUCTURE:
-        path = contest.integrators["path"]
-        truth = _render(contest, contest.loaders[STRUCTURE](), path, _TRUTH * contest.spp)
-        reference = np.maximum(np.array(truth)[..., :3], 0.0)
+        scene, path = contest.loaders[STRUCTURE](), contest.integrators["path"]
+        truth: dict[str, Any] = {}
+        settings = _settings(contest, scene, path)
+        rendering(scene, truth, STRUCTURE, _TRUTH * contest.spp, **settings)()
+        reference = pictures_of(truth)[STRUCTURE]
     exposure = display_exposure(reference)
     samples = reference.shape[0] * reference.shape[1] * contest.spp
     return [
@@ -229,49 +228,29 @@ def _cell(
     ]
 
 
-def _render(contest: Contest, scene: Any, integrator: Any, spp: int) -> Any:
-    picture = mi.render(
-        scene,
-        sensor=contest.camera or 0,
-        integrator=mi.load_dict(integrator) if integrator else scene.integrator(),
-        spp=spp,
-        seed=mi.UInt32(1),
-    )
-    dr.eval(picture)
-    return picture
+def _settings(contest: Contest, scene: Any, integrator: Any) -> dict[str, Any]:
+    """Return the camera and the integrator with which a scene of a contest is rendered."""
+    made = mi.load_dict(integrator) if integrator else scene.integrator()
+    return {"sensor": contest.camera or 0, "integrator": made}
 
 
 def table(results: dict[str, Any]) -> Any:
     """Return the results as a table for the terminal."""
-    if not results.get("rows"):
-        raise SimrigError("these results hold no rows of the benchmark 'btf'")
-    columns = [
-        "scene, light",
-        "material",
-        "M/s, kernels",
-        "M/s",
-        "÷ princ.",
-        "÷ struct.",
-        "kernels [s] (range)",
-    ]
-    columns += ["tracing [s]", "first [s]", "ΔE", "MiB"]
-    rows = [
-        [
-            f"{row['scene']}, {row['integrator']}",
-            row["material"],
-            f"{row['samples_per_second'] / 1e6:.2f}",
-            f"{row['clock_samples_per_second'] / 1e6:.2f}",
-            f"{row['ratio']:.2f}",
-            "–" if row["ratio_to_structure"] is None else f"{row['ratio_to_structure']:.2f}",
-            f"{row['kernel_seconds']:.3f} "
-            f"({row['fastest_seconds']:.3f}–{row['slowest_seconds']:.3f})",
-            f"{row['tracing_seconds']:.2f}",
-            f"{row['first_seconds']:.2f}",
-            "–" if row["delta_e"] is None else f"{row['delta_e']:.2f}",
-            f"{row['bytes'] / 2**20:.2f}",
-        ]
-        for row in results["rows"]
-    ]
+    columns: dict[str, Column] = {
+        "scene, light": "{scene}, {integrator}",
+        "material": "{material}",
+        "M/s, kernels": scaled("samples_per_second", 1e-6, "{:.2f}"),
+        "M/s": scaled("clock_samples_per_second", 1e-6, "{:.2f}"),
+        "÷ princ.": "{ratio:.2f}",
+        "÷ struct.": known("{ratio_to_structure:.2f}"),
+        "kernels [s] (range)": (
+            "{kernel_seconds:.3f} ({fastest_seconds:.3f}–{slowest_seconds:.3f})"
+        ),
+        "tracing [s]": "{tracing_seconds:.2f}",
+        "first [s]": "{first_seconds:.2f}",
+        "ΔE": known("{delta_e:.2f}"),
+        "MiB": scaled("bytes", MIB, "{:.2f}"),
+    }
     title = (
         f"Million samples/s of the kernels (ratios too) and by the clock, {results['variant']}, "
         f"median of {results['calls']} calls, one scene alive at a time; {results['material']}, "
@@ -279,4 +258,4 @@ def table(results: dict[str, Any]) -> Any:
         f"patch to the structure; all images take {results['stack_bytes'] / 2**20:.1f} MiB, the "
         f"few {results['sliced_bytes'] / 2**20:.2f}"
     )
-    return text_table(title, columns, rows)
+    return record_table(title, columns, results["rows"])

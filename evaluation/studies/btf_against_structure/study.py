@@ -17,10 +17,9 @@ A cell is one material, so that its BTF is measured once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -30,7 +29,7 @@ from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.core import backend
 from simrig.directions.spherical import to_vector
-from simrig.evaluation.benchmarks.timing import side_by_side
+from simrig.evaluation.benchmarks.timing import rendering, side_by_side
 from simrig.evaluation.metrics.images import delta_e_map, image_errors
 from simrig.evaluation.studies.btf_against_structure.far import far_rows, rings_of
 from simrig.evaluation.studies.btf_against_structure.shown import plots, table
@@ -214,7 +213,12 @@ def _speed(tile: Tile, forms: Mapping[str, SpatialBrdf], config: Config) -> list
     sizes = {STRUCTURE: geometry, **{name: btf.device_bytes for name, btf in forms.items()}}
     rows = []
     for light, depth in (("direct", 2), ("path", config["bounces"] + 1)):
-        jobs = {name: _job(scene, camera, depth, settings["spp"]) for name, scene in scenes.items()}
+        integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
+        made = {"sensor": camera, "integrator": integrator}
+        jobs = {
+            name: rendering(scene, {}, name, settings["spp"], **made)
+            for name, scene in scenes.items()
+        }
         timings = side_by_side(jobs, settings["rounds"])
         kernels = {name: float(np.median(timing.kernels)) for name, timing in timings.items()}
         for name, timing in timings.items():
@@ -227,25 +231,11 @@ def _speed(tile: Tile, forms: Mapping[str, SpatialBrdf], config: Config) -> list
                     "samples_per_second": samples / kernels[name],
                     "times_structure": kernels[STRUCTURE] / kernels[name],
                     "kernel_seconds": kernels[name],
-                    "first_seconds": timing.first,
-                    "median_seconds": timing.median,
-                    "fastest_seconds": timing.fastest,
-                    "slowest_seconds": timing.slowest,
+                    **timing.as_dict(),
                     "bytes": sizes[name],
                 }
             )
     return rows
-
-
-def _job(scene: Any, camera: Any, depth: int, spp: int) -> Callable[[], None]:
-    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
-
-    def once() -> None:
-        # the seed as an array: else every seed is a kernel of its own
-        found = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=mi.UInt32(1))
-        dr.eval(found)
-
-    return once
 
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:

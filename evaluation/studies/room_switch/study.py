@@ -29,14 +29,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.evaluation.benchmarks.timing import Timing, one_alive
+from simrig.evaluation.benchmarks.timing import Timing, one_alive, rendering
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.engine.pictures import picture_row
@@ -213,12 +211,7 @@ def _renders(
                 if form == "planned"
                 else scene.scene(form)
             )
-
-            def once() -> None:
-                pictures[form] = mi.render(described, spp=scene.spp, seed=mi.UInt32(1))
-                dr.eval(pictures[form])
-
-            return once
+            return rendering(described, pictures, form, scene.spp)
 
         return loaded
 
