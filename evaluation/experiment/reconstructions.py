@@ -135,16 +135,19 @@ class MeasurementRunner:
         if self.parts.get(name):
             return Measurement.load(path)
         wanted = self.settings.tolerance
-        measurement = self.rig.measure(
+
+        def keep(measurement: Measurement) -> None:
+            measurement.save(path)
+            self.parts.put(name, {"files": {"measurement": f"measurements/{path.name}"}})
+
+        return self.rig.measure(
             self.truth,
             plan.plan,
             tolerance=None if wanted == NO_EFFECTS else parse_tolerance(wanted),
             checkpoint=path.with_suffix(MEASURING),
+            keep=keep,
             progress=self.steps.within,
         )
-        measurement.save(path)
-        self.parts.put(name, {"files": {"measurement": f"measurements/{path.name}"}})
-        return measurement
 
     def _recorded(
         self, plan: Planned, made: Reconstructed, costs: dict[str, Cost]

@@ -81,8 +81,13 @@ def measure(
         if device.effect_names and not ideal:
             device = device.planned(truth, made, allowed, overrides)
         with frame.progress(f"measuring {truth.name}") as report:
-            measurement = device.measure(truth, made, checkpoint=checkpoint, progress=report)
-        measurement.save(output)
+            measurement = device.measure(
+                truth,
+                made,
+                checkpoint=checkpoint,
+                keep=lambda measured: measured.save(output),
+                progress=report,
+            )
     return _report(output, measurement, device)
 
 

@@ -21,13 +21,14 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from simrig import __version__
 from simrig.cli import frame
 from simrig.core.errors import SimrigError
+from simrig.files.atomic import atomic_write
 
 MARKER = ".simrig.json"
 _PARTIAL, _LOCK = ".partial", ".lock"
@@ -41,8 +42,14 @@ def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
         SimrigError: the file exists and ``overwrite`` is false, its folder does not exist, or
             another process is writing it.
     """
+    place = _resolved(path)
+    if place.is_file() and not overwrite:
+        from simrig.files.checkpoint import clear_finished
+
+        with suppress(SimrigError), _locked(_lock_beside(place), path):
+            clear_finished(place)
     _check_file(path, overwrite)
-    with _locked(_lock_beside(_resolved(path)), path):
+    with _locked(_lock_beside(place), path):
         _check_file(path, overwrite)  # it may have been finished by whoever held the lock
         yield path
 
@@ -70,12 +77,15 @@ def output_folder(path: Path, overwrite: bool, request: Mapping[str, Any]) -> It
         SimrigError: the folder is in use (see this module's docstring).
     """
     given, path = path, _resolved(path)
+    partial, lock = _working_places(path)
+    if partial.is_dir():
+        with _locked(lock, given), _errors_of_the_system(given):
+            _finish_move(partial, path)
     _check_folder(given, path, overwrite)
-    exists = path.is_dir()
-    partial = path / _PARTIAL if exists else path.with_name(f".{path.name}{_PARTIAL}")
+    partial, lock = _working_places(path)
     with _errors_of_the_system(given):
         partial.parent.mkdir(parents=True, exist_ok=True)
-    with _locked(path / _LOCK if exists else _lock_beside(path), given):
+    with _locked(lock, given):
         with _errors_of_the_system(given):
             _prepare(partial, {"simrig": __version__, "request": frame.plain(request)})
         frame.on_interrupt("the same command goes on from what is done")
@@ -89,6 +99,13 @@ def output_folder(path: Path, overwrite: bool, request: Mapping[str, Any]) -> It
         with _errors_of_the_system(given):
             _list_files(partial)
             _move(partial, path)
+
+
+def _working_places(path: Path) -> tuple[Path, Path]:
+    """Return where the results for a folder are made, and the lock."""
+    if path.is_dir():
+        return path / _PARTIAL, path / _LOCK
+    return path.with_name(f".{path.name}{_PARTIAL}"), _lock_beside(path)
 
 
 def _resolved(path: Path) -> Path:
@@ -171,16 +188,16 @@ def _prepare(partial: Path, about: Mapping[str, Any]) -> None:
         if not same:
             shutil.rmtree(partial)
     partial.mkdir(exist_ok=True)
-    marker.write_text(json.dumps(about), encoding="utf-8")
+    with atomic_write(marker) as temporary:
+        temporary.write_text(json.dumps(about), encoding="utf-8")
 
 
 def _list_files(partial: Path) -> None:
-    """Note in the marker which files are ours."""
+    """Note in the marker which files are ours: the results are complete."""
     marker = partial / MARKER
-    about = json.loads(marker.read_text(encoding="utf-8"))
-    marker.write_text(
-        json.dumps({**about, "files": sorted(_files(partial))}, indent=2), encoding="utf-8"
-    )
+    about = json.loads(marker.read_text(encoding="utf-8")) | {"files": sorted(_files(partial))}
+    with atomic_write(marker) as temporary:
+        temporary.write_text(json.dumps(about, indent=2), encoding="utf-8")
 
 
 def _move(partial: Path, final: Path) -> None:
@@ -188,16 +205,25 @@ def _move(partial: Path, final: Path) -> None:
     if not final.exists():
         partial.replace(final)
         return
-    made = set(_files(partial))
-    stale = [name for name in _ours(final) if name not in made]
+    made = _ours(partial)
+    stale = _ours(final) - made
     for name in sorted(made - {MARKER}):
-        (final / name).parent.mkdir(parents=True, exist_ok=True)
-        (partial / name).replace(final / name)
-    (partial / MARKER).replace(final / MARKER)
+        if (partial / name).exists():  # else it was moved before a kill
+            (final / name).parent.mkdir(parents=True, exist_ok=True)
+            (partial / name).replace(final / name)
     for name in stale:
         (final / name).unlink(missing_ok=True)
         _remove_empty((final / name).parent, final)
+    (partial / MARKER).replace(final / MARKER)
     shutil.rmtree(partial)
+
+
+def _finish_move(partial: Path, final: Path) -> None:
+    """Give complete results their place that a kill kept from it."""
+    if _ours(partial):
+        _move(partial, final)
+    elif not (partial / MARKER).exists() and (final / MARKER).exists():
+        shutil.rmtree(partial)
 
 
 def _remove_empty(folder: Path, top: Path) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import errno
+import fcntl
+import itertools
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +21,8 @@ def atomic_write(path: str | Path, suffix: str | None = None) -> Iterator[Path]:
     """Give a temporary path beside ``path``; rename it there on success, remove it on failure.
 
     What was written is on the disk before the rename, so that neither a kill nor a loss of power
-    leaves a damaged file under the final name. A ``path`` that is a symbolic link stays one: what
+    leaves a damaged file under the final name. What a killed process left under a temporary name is
+    used by the next that writes the same file. A ``path`` that is a symbolic link stays one: what
     it points to is replaced.
 
     Args:
@@ -36,15 +38,9 @@ def atomic_write(path: str | Path, suffix: str | None = None) -> Iterator[Path]:
     if path.is_dir():
         raise SimrigError(f"cannot write '{given}': it is a folder")
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{path.stem[:100]}-",
-            suffix=path.suffix if suffix is None else suffix,
-            dir=path.parent,
-        )
+        temporary, handle = _temporary(path, path.suffix if suffix is None else suffix)
     except OSError as error:
         raise SimrigError(f"cannot write '{given}': {error.strerror}") from error
-    os.close(handle)
-    temporary = Path(name)
     try:
         yield temporary
         umask = os.umask(0)
@@ -59,6 +55,35 @@ def atomic_write(path: str | Path, suffix: str | None = None) -> Iterator[Path]:
         raise SimrigError(f"cannot write '{given}': no room is left on its disk") from error
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _temporary(path: Path, suffix: str) -> tuple[Path, int]:
+    """Return the first temporary name that no living process uses, empty, and its lock.
+
+    The lock is the system's, which frees it should the process die.
+    """
+    for number in itertools.count():
+        temporary = path.with_name(f".{path.stem[:100]}.partial-{number}{suffix}")
+        try:
+            handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        except OSError:
+            if os.path.lexists(temporary):  # another user's
+                continue
+            raise
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # whoever held it may have renamed it between our opening and our locking it
+            if temporary.exists() and os.path.samestat(os.fstat(handle), temporary.stat()):
+                os.truncate(handle, 0)
+                return temporary, handle
+        except BlockingIOError:
+            pass
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+    raise AssertionError  # there is always a next number
 
 
 def push_to_disk(path: Path) -> None:

@@ -48,6 +48,18 @@ def kept_bytes(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.iterdir()) if folder.is_dir() else 0
 
 
+def clear_finished(output: Path) -> None:
+    """Remove the pieces of an output that stands; a kill may have come just before that.
+
+    Pieces younger than the output are of a job that is to replace it, and stay.
+    """
+    folder = checkpoint_of(output)
+    if (folder / ABOUT).is_file():
+        made = output.stat().st_mtime_ns
+        if all(path.stat().st_mtime_ns <= made for path in folder.iterdir()):
+            Checkpoint.forget(folder)
+
+
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A finished piece.
@@ -142,14 +154,18 @@ class Checkpoint:
 
     def remove(self) -> None:
         """Forget the job, which is complete; what was set aside goes too."""
-        if self.folder is None or not self.folder.is_dir():
-            return
-        for path in self.folder.iterdir():
+        if self.folder is not None and self.folder.is_dir():
+            self.forget(self.folder)
+        self._begun = False
+
+    @staticmethod
+    def forget(folder: Path) -> None:
+        """Remove the folder of a job."""
+        for path in folder.iterdir():
             if path.name != ABOUT:  # the last: until then the rest is known to be ours
                 path.unlink(missing_ok=True)
-        (self.folder / ABOUT).unlink(missing_ok=True)
-        self.folder.rmdir()
-        self._begun = False
+        (folder / ABOUT).unlink(missing_ok=True)
+        folder.rmdir()
 
     # -- what happens inside ---------------------------------------------------------------------
 
@@ -189,7 +205,7 @@ class Checkpoint:
             folder.mkdir(exist_ok=True)
         except OSError as error:
             raise SimrigError(f"cannot write '{folder}': {error.strerror}") from error
-        with atomic_write(folder / ABOUT) as temporary:
+        with atomic_write(folder / ABOUT, suffix=_TEMPORARY) as temporary:
             about = {"format": FORMAT, "job": self._identity}
             temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
         self._begun = True

@@ -138,6 +138,7 @@ class Rig(ABC):
         tolerance: Tolerance | None = None,
         overrides: Overrides | None = None,
         checkpoint: Path | None = None,
+        keep: Callable[[Measurement], object] | None = None,
         progress: Progress | None = None,
     ) -> Measurement:
         """Measure one material by a plan.
@@ -150,6 +151,8 @@ class Rig(ABC):
             overrides: what the user decides of the effects; needs a tolerance.
             checkpoint: folder that keeps what was recorded so far; an interrupted measurement
                 resumes from it with the same result, and it is removed at the end.
+            keep: called with the measurement before the checkpoint is removed, to store it: a kill
+                then finds the one or the other.
             progress: called with the number of samples done and in total.
 
         Raises:
@@ -160,7 +163,7 @@ class Rig(ABC):
         self.check(material, plan)
         if tolerance is not None:
             return self.planned(material, plan, tolerance, overrides).measure(
-                material, plan, checkpoint=checkpoint, progress=progress
+                material, plan, checkpoint=checkpoint, keep=keep, progress=progress
             )
         if overrides is not None:
             raise SimrigError("what to enable or disable needs a tolerance beside it")
@@ -183,8 +186,11 @@ class Rig(ABC):
         elapsed = stopwatch()
         layout = _carry_out(plan, lambda angles: log.record(angles, take, chunk))
         seconds = elapsed()
+        made = self.measurement(material, plan, log.angles, log.recorded, layout, seconds, setting)
+        if keep is not None:
+            keep(made)
         log.remove()
-        return self.measurement(material, plan, log.angles, log.recorded, layout, seconds, setting)
+        return made
 
     def measurement(
         self,
