@@ -141,7 +141,9 @@ def test_bad_input(tmp_path: Path, pairs: Path, monkeypatch: pytest.MonkeyPatch)
     assert "1 to 8" in refused("measure", "leather_nappa", "--output", new, "--bounces", "9")
     assert "number" in refused("measure", "leather_nappa", "--output", new, "--bounces", "few")
     pairs.write_text("95 0 0 0\n")
-    assert "outside" in refused("measure", "leather_nappa", "--output", new, "--pairs", pairs)
+    assert "polar angles in" in refused(
+        "measure", "leather_nappa", "--output", new, "--pairs", pairs
+    )
     listed = ("measure", "leather_nappa", "--output", new, "--pairs", pairs)
     for text in ("theta phi\n", "10 0 0\n", "10 0 0 0\n10 0 0\n", "# nothing\n"):
         pairs.write_text(text)

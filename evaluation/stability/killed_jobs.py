@@ -20,10 +20,10 @@ _EXPERIMENT = """
 material = "fabric112"
 seed = 3
 scenes = [
-    { name = "sphere", resolution = 24 },
+    { name = "sphere", resolution = 16 },
 ]
 [measurement]
-samples = [400, 1100]
+samples = [400, 700]
 [rendering]
 tolerance = "dE=5"
 [comparison]
@@ -60,7 +60,7 @@ JOBS = (
         "measure",
         (
             _measure("--plan", "slices", "--samples", "3000"),
-            _measure("--plan", "auto", "--samples", "400"),
+            _measure("--plan", "auto", "--samples", "200"),
             _measure("--plan", "uniform", "--samples", "4000"),
             _measure("--rig", "gantry"),
             _measure("--plan", "visible-normals", "--samples", "2000", "--ideal"),
@@ -71,7 +71,7 @@ JOBS = (
         "btf measure",
         (
             ("btf", "measure", "leather_tan", "--output", "out.h5", "--directions", "1",
-             "--resolution", "16", "--spp", "4", "--seed", "3", "--bounces", "2"),
+             "--resolution", "8", "--spp", "2", "--seed", "3", "--bounces", "2"),
         ),
         "out.h5",
     ),

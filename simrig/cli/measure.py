@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +15,7 @@ from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
+    from simrig.core.effects import Overrides
     from simrig.rigs.measurements.measurement import Measurement
     from simrig.rigs.protocol import Rig
 
@@ -54,32 +56,63 @@ def measure(
     What was measured so far is kept in .NAME.checkpoint beside the output: after Ctrl-C (or a
     kill) the same command goes on from there, with the same result as without the interruption.
     """
-    from simrig.core.effects import Overrides, parse_tolerance
-    from simrig.core.options import checked_options
-    from simrig.files.checkpoint import checkpoint_of
-    from simrig.files.load import load_material
-    from simrig.plans.registry import PLANS, make_plan, plan_type
+    from simrig.core.effects import Overrides
+    from simrig.plans.registry import PLANS
     from simrig.rigs.registry import RIGS, make_rig
 
     device = make_rig(rig, **given_options(context, RIGS.values()))
-    name, wishes = plan or device.default_plan, given_options(context, PLANS.values())
-    checked_options(plan_type(name), wishes, PLANS.values(), "plan")
+    wishes = given_options(context, PLANS.values())
     if effects.given and ideal:
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
     if effects.given and not device.effect_names:
         raise SimrigError(
             f"rig '{device.name}' simulates no effects: leave out the options that choose some"
         )
-    allowed = parse_tolerance(effects.tolerance or effect_options.DEFAULT_TOLERANCE)
-    overrides = Overrides(**effects.overrides)
+    chosen = None
+    if device.effect_names and not ideal:
+        chosen = (
+            effects.tolerance or effect_options.DEFAULT_TOLERANCE,
+            Overrides(**effects.overrides),
+        )
+    device, measurement = measured(
+        material, output, overwrite, device, plan or device.default_plan, wishes, chosen
+    )
+    return _report(output, measurement, device)
+
+
+def measured(
+    material: str,
+    output: Path,
+    overwrite: bool,
+    device: Rig,
+    plan: str,
+    wishes: Mapping[str, Any],
+    effects: tuple[str, Overrides] | None,
+) -> tuple[Rig, Measurement]:
+    """Measure into a file; return the rig with its effects, and the measurement.
+
+    Args:
+        material: a name or a file.
+        output, overwrite: the file, and whether it may be replaced.
+        device: the rig.
+        plan, wishes: a plan and its options.
+        effects: tolerance, and what the user decided; None leaves the rig as it is.
+    """
+    from simrig.core.effects import parse_tolerance
+    from simrig.core.options import checked_options
+    from simrig.files.checkpoint import recording_folder
+    from simrig.plans.registry import PLANS, make_plan, plan_type
+
+    checked_options(plan_type(plan), wishes, PLANS.values(), "plan")
+    allowed = None if effects is None else parse_tolerance(effects[0])
     with output_file(output, overwrite):
-        truth = load_material(material)
-        made = make_plan(name, truth, **wishes)
+        truth = device.material(material)
+        made = make_plan(plan, truth, **wishes)
         device.check(truth, made)
-        checkpoint = checkpoint_of(output)
+        checkpoint = recording_folder(output)
         frame.on_interrupt(f"run the same command again to go on from '{checkpoint}'")
-        if device.effect_names and not ideal:
-            device = device.planned(truth, made, allowed, overrides)
+        if effects is not None and allowed is not None:
+            device = device.planned(truth, made, allowed, effects[1])
         with frame.progress(f"measuring {truth.name}") as report:
             measurement = device.measure(
                 truth,
@@ -88,7 +121,7 @@ def measure(
                 keep=lambda measured: measured.save(output),
                 progress=report,
             )
-    return _report(output, measurement, device)
+    return device, measurement
 
 
 def _report(output: Path, measurement: Measurement, rig: Rig) -> frame.Report:

@@ -13,6 +13,7 @@ from pathlib import Path
 from simrig.core.errors import SimrigError
 
 # what the system says when there is no room, and how HDF5 repeats it
+_PARTIAL = ".partial-"
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -64,7 +65,7 @@ def _temporary(path: Path, suffix: str) -> tuple[Path, int]:
     The lock is the system's, which frees it should the process die.
     """
     for number in itertools.count():
-        temporary = path.with_name(f".{path.stem[:100]}.partial-{number}{suffix}")
+        temporary = path.with_name(f".{path.stem[:100]}{_PARTIAL}{number}{suffix}")
         try:
             handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         except OSError:
@@ -84,6 +85,11 @@ def _temporary(path: Path, suffix: str) -> tuple[Path, int]:
             raise
         os.close(handle)
     raise AssertionError  # there is always a next number
+
+
+def is_temporary(path: Path) -> bool:
+    """Return whether a name is one of ``atomic_write``: what a killed process may leave."""
+    return path.name.startswith(".") and _PARTIAL in path.name
 
 
 def push_to_disk(path: Path) -> None:

@@ -27,7 +27,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from simrig.core.errors import SimrigError
-from simrig.files.atomic import atomic_write
+from simrig.files.atomic import atomic_write, is_temporary
 
 FORMAT = 1
 ABOUT = "about.json"
@@ -79,6 +79,21 @@ def of_version_0_1(path: Path) -> SimrigError:
         f"'{path}' is an unfinished recording of simrig 0.1, which cannot be continued: remove it "
         "to begin anew"
     )
+
+
+def recording_folder(path: str | Path) -> Path:
+    """Return where a recording for a file is kept until the file stands (``checkpoint_of``).
+
+    Raises:
+        SimrigError: a missing folder, or what version 0.1 left.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise SimrigError(f"cannot write '{path}': the folder '{path.parent}' does not exist")
+    old = path.with_name(path.name + ".part")
+    if old.is_file():
+        raise of_version_0_1(old)
+    return checkpoint_of(path)
 
 
 class Checkpoint:
@@ -186,7 +201,7 @@ class Checkpoint:
         except (OSError, ValueError, KeyError, TypeError):
             known = False
         if not known:
-            if all(path.suffix == _TEMPORARY or path.name == ABOUT for path in folder.iterdir()):
+            if all(is_temporary(path) or path.name == ABOUT for path in folder.iterdir()):
                 return False  # stopped before the first piece
             raise SimrigError(
                 f"'{folder}' cannot be continued by this simrig: remove it to begin anew"
@@ -205,7 +220,7 @@ class Checkpoint:
             folder.mkdir(exist_ok=True)
         except OSError as error:
             raise SimrigError(f"cannot write '{folder}': {error.strerror}") from error
-        with atomic_write(folder / ABOUT, suffix=_TEMPORARY) as temporary:
+        with atomic_write(folder / ABOUT) as temporary:
             about = {"format": FORMAT, "job": self._identity}
             temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
         self._begun = True

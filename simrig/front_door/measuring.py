@@ -9,7 +9,8 @@ from typing import Any
 from simrig.brdf.protocol import Brdf
 from simrig.core.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
-from simrig.front_door.materials import as_brdf, load
+from simrig.front_door.materials import as_brdf
+from simrig.mesostructure import Tile
 from simrig.methods import method as method_named
 from simrig.methods import method_for
 from simrig.plans.protocol import Plan
@@ -20,7 +21,7 @@ from simrig.rigs.registry import make_rig
 
 
 def measure(
-    material: Brdf | str | Path,
+    material: Brdf | Tile | str | Path,
     samples: int | None = None,
     *,
     rig: Rig | str | Path = "gonioreflectometer",
@@ -33,10 +34,11 @@ def measure(
     """Measure a material with a virtual rig.
 
     Args:
-        material: a BRDF, its name or its file.
+        material: a BRDF, its name or its file; of rig ``btf`` a tile with structure or its name.
         samples: direction pairs, of which a plan takes what it can at most; by default as many as
             the plan is made for (8911 along slices).
-        rig: a rig, its name (``gonioreflectometer``, ``gantry``) or an instrument file (.toml).
+        rig: a rig, its name (``gonioreflectometer``, ``gantry``, ``btf``) or an instrument file
+            (.toml).
         plan: where to measure, or the name of a plan: ``slices``, ``auto``, ``uniform``,
             ``regular-grid``, ``scheme``, ``gantry``, ``directions``; by default what the rig is
             made for, of a gonioreflectometer adaptive slices.
@@ -57,8 +59,12 @@ def measure(
 
     Source: thesis sections 5.3 and D.2; docs/methods.md and docs/instruments.md.
     """
-    brdf = as_brdf(material)
     device = rig if isinstance(rig, Rig) else make_rig(rig)
+    subject: Any = material
+    if device.measures is Brdf:
+        subject = as_brdf(material)
+    elif isinstance(material, str | Path):
+        subject = device.material(material)
     if isinstance(plan, Plan):
         if samples is not None or options:
             raise SimrigError("a plan has its own samples and options: give its name instead")
@@ -66,12 +72,12 @@ def measure(
     elif plan is not None and not isinstance(plan, str):
         raise SimrigError(f"a plan or the name of one is needed, got {type(plan).__name__}")
     else:
-        chosen = make_plan(plan or device.default_plan, brdf, samples=samples, **options)
+        chosen = make_plan(plan or device.default_plan, subject, samples=samples, **options)
     allowed = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
     if not device.effect_names and tolerance == DEFAULT_TOLERANCE:
         allowed = None
     kept = None if checkpoint is None else Path(checkpoint)
-    return device.measure(brdf, chosen, tolerance=allowed, checkpoint=kept, progress=progress)
+    return device.measure(subject, chosen, tolerance=allowed, checkpoint=kept, progress=progress)
 
 
 def reconstruct(
@@ -92,7 +98,9 @@ def reconstruct(
     Source: docs/methods.md.
     """
     chosen = None if method is None else method_named(method)
-    measured = load(measurement) if isinstance(measurement, str | Path) else measurement
+    measured = measurement
+    if isinstance(measurement, str | Path):
+        measured = Measurement.load(measurement)
     if not isinstance(measured, Measurement):
         raise SimrigError(f"a measurement is needed, got {type(measured).__name__}")
     return (chosen or method_for(measured)).reconstruct(measured, **options).brdf

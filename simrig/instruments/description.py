@@ -30,6 +30,7 @@ from simrig.instruments.quantity import (
 
 SHIPPED = {
     "utia": "utia.toml",
+    "utia-btf": "utia_btf.toml",
     "merkur-gantry": "merkur_gantry.toml",
     "steady-gantry": "steady_gantry.toml",
 }
@@ -217,8 +218,15 @@ class GantryDescription(Description):
     timing: SliceTiming
 
 
+class BtfDescription(Description):
+    """Light and camera far away; a registered image in place of a value."""
+
+    timing: SampleTiming
+
+
 KINDS: dict[str, type[Description]] = {
     "gonioreflectometer": GonioreflectometerDescription,
+    "btf": BtfDescription,
     "gantry": GantryDescription,
 }
 

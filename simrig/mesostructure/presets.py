@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.resources import files
 from typing import Any
 
@@ -72,4 +73,6 @@ def build_tile(name: str, seed: int = 0, resolution: int | None = None) -> Tile:
         SimrigError: unknown name, seed that is no whole number, resolution out of range.
     """
     check_known("material with structure", name, PRESETS)
-    return PRESETS[name](seed=seed, resolution=resolution)
+    tile = PRESETS[name](seed=seed, resolution=resolution)
+    origin = {"preset": name, "tile_seed": seed}
+    return replace(tile, origin=origin | ({"resolution": resolution} if resolution else {}))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -90,10 +91,15 @@ class Tile:
         element_mm: size of the largest structural element, as in thesis Fig. B.2.
         parts: at least one.
         height_mm: (lowest, highest) z of the vertices, filled in when not given.
+        origin: how it was made, plain values.
 
     Raises:
         SimrigError: unknown group, or sizes that are not positive.
     """
+
+    # what plans ask of a material: apparent BRDFs keep their order, and a tile has data everywhere
+    reciprocal: ClassVar[bool] = False
+    theta_max: ClassVar[float] = float(np.pi / 2)
 
     name: str
     group: str
@@ -102,6 +108,7 @@ class Tile:
     element_mm: float
     parts: tuple[Part, ...]
     height_mm: tuple[float, float] = (0.0, 0.0)
+    origin: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.group not in GROUPS:

@@ -6,7 +6,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -30,6 +30,12 @@ REACH_TOLERANCE = 1e-6  # radians; files often hold angles as float32
 Progress = Callable[[int, int], None]  # samples done, samples in total
 
 
+class Removable(Protocol):
+    """What is kept of a measurement until it is stored."""
+
+    def remove(self) -> None: ...
+
+
 class Rig(ABC):
     """An instrument at work. Subclasses are frozen dataclasses, one for each kind of instrument.
 
@@ -39,6 +45,7 @@ class Rig(ABC):
         options: what ``from_description`` takes beside the instrument.
         effect_names: the effects that it can simulate.
         default_plan: name of the plan that is measured unless another is given.
+        measures: what its materials are.
     """
 
     name: ClassVar[str]
@@ -46,6 +53,7 @@ class Rig(ABC):
     options: ClassVar[tuple[Option, ...]] = ()
     effect_names: ClassVar[tuple[str, ...]] = ()
     default_plan: ClassVar[str]
+    measures: ClassVar[type] = Brdf
 
     @classmethod
     @abstractmethod
@@ -57,7 +65,7 @@ class Rig(ABC):
         """
 
     @abstractmethod
-    def record(self, material: Brdf, angles: np.ndarray) -> Recorded:
+    def record(self, material: Any, angles: np.ndarray) -> Recorded:
         """Return what is recorded at directions.
 
         Args:
@@ -82,8 +90,24 @@ class Rig(ABC):
     def reaches(self, angles: np.ndarray) -> np.ndarray:
         """Return which of (n, 4) directions in radians the axes reach, (n,) of bool."""
 
-    def check(self, material: Brdf, plan: Plan) -> None:
+    def material(self, source: str | Path) -> Any:
+        """Return the material of a name or a file, as the rig measures it.
+
+        Raises:
+            SimrigError: there is none.
+        """
+        from simrig.files.load import load_material
+
+        return load_material(source)
+
+    def check(self, material: Any, plan: Plan) -> None:
         """Raise SimrigError where a plan cannot be measured, before anything is."""
+        measured: Any = self.measures
+        if not isinstance(material, measured):
+            raise SimrigError(
+                f"rig '{self.name}' measures a {measured.__name__}, got "
+                f"{type(material).__name__}: choose another material or rig"
+            )
         if plan.pictures:
             raise SimrigError(
                 f"rig '{self.name}' records no pictures, plan '{plan.name}' needs some"
@@ -97,7 +121,7 @@ class Rig(ABC):
 
     def planned(
         self,
-        material: Brdf,
+        material: Any,
         plan: Plan,
         tolerance: Tolerance,
         overrides: Overrides | None = None,
@@ -132,7 +156,7 @@ class Rig(ABC):
 
     def measure(
         self,
-        material: Brdf,
+        material: Any,
         plan: Plan | None = None,
         *,
         tolerance: Tolerance | None = None,
@@ -150,7 +174,8 @@ class Rig(ABC):
                 those that the rig was made with.
             overrides: what the user decides of the effects; needs a tolerance.
             checkpoint: folder that keeps what was recorded so far; an interrupted measurement
-                resumes from it with the same result, and it is removed at the end.
+                resumes from it with the same result. It is removed at the end, unless pictures are
+                there that were not stored by ``keep``.
             keep: called with the measurement before the checkpoint is removed, to store it: a kill
                 then finds the one or the other.
             progress: called with the number of samples done and in total.
@@ -167,6 +192,17 @@ class Rig(ABC):
             )
         if overrides is not None:
             raise SimrigError("what to enable or disable needs a tolerance beside it")
+        made, kept = self.carry_out(material, plan, checkpoint, progress)
+        if keep is not None:
+            keep(made)
+        if keep is not None or made.pictures is None:
+            kept.remove()
+        return made
+
+    def carry_out(
+        self, material: Any, plan: Plan, checkpoint: Path | None, progress: Progress | None
+    ) -> tuple[Measurement, Removable]:
+        """Return what a plan measures, and what a checkpoint keeps of it; see ``measure``."""
         setting = {
             "plan": plan.name,
             **plan.settings(),
@@ -187,14 +223,11 @@ class Rig(ABC):
         layout = _carry_out(plan, lambda angles: log.record(angles, take, chunk))
         seconds = elapsed()
         made = self.measurement(material, plan, log.angles, log.recorded, layout, seconds, setting)
-        if keep is not None:
-            keep(made)
-        log.remove()
-        return made
+        return made, log
 
     def measurement(
         self,
-        material: Brdf,
+        material: Any,
         plan: Plan,
         angles: np.ndarray,
         recorded: Recorded,

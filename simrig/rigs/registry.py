@@ -8,12 +8,17 @@ from typing import Any
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.core.options import checked_options
 from simrig.instruments.description import SHIPPED, Description, read_description, shipped
+from simrig.rigs.btf.device import BtfRig
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.gantry.rig import Gantry
 from simrig.rigs.protocol import Rig
 
-RIGS: dict[str, type[Rig]] = {rig.name: rig for rig in (Gonioreflectometer, Gantry)}
-_USUAL = {"gonioreflectometer": "utia", "gantry": "merkur-gantry"}  # instrument of each
+RIGS: dict[str, type[Rig]] = {rig.name: rig for rig in (Gonioreflectometer, Gantry, BtfRig)}
+_USUAL = {
+    "gonioreflectometer": "utia",
+    "gantry": "merkur-gantry",
+    "btf": "utia-btf",
+}  # instrument of each
 
 
 def make_rig(text: str | Path, **options: Any) -> Rig:

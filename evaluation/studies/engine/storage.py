@@ -18,7 +18,7 @@ from typing import Any
 import simrig
 from simrig.core.errors import SimrigError
 from simrig.evaluation.studies.engine.base import Cell, Config, Study
-from simrig.files.atomic import atomic_write
+from simrig.files.atomic import atomic_write, is_temporary
 from simrig.files.checkpoint import Checkpoint
 
 FORMAT = 2  # of the folder
@@ -89,7 +89,8 @@ class StudyFolder:
         if (path / CONFIGURATION).exists():
             _check_same(path, _read_configuration(path), folder._about())
         else:
-            if path.is_file() or (path.is_dir() and any(path.iterdir())):
+            there = path.iterdir() if path.is_dir() else ()
+            if path.is_file() or not all(map(is_temporary, there)):
                 raise SimrigError(f"'{path}' is in use and holds no study: choose another --output")
             path.mkdir(parents=True, exist_ok=True)
             _write_json(path / CONFIGURATION, folder._about())

@@ -173,7 +173,9 @@ def described(file: Path) -> dict[str, Any]:
         "type": str(stack.values.dtype),
         "bytes": stack.nbytes,
         "bytes_on_disk": file.stat().st_size,
-        "standard_error": None if error is None else float(np.sqrt(np.mean(error**2))),
+        "standard_error": None
+        if error is None or np.isnan(error).any()
+        else float(np.sqrt(np.mean(error**2))),
         "provenance": dict(stack.provenance),
     }
 

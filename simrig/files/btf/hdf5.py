@@ -95,6 +95,11 @@ class BtfLayout:
         """Of all images, without compression."""
         return math.prod(self.shape) * self.dtype.itemsize
 
+    @property
+    def said(self) -> dict[str, Any]:
+        """How it came about, plain values."""
+        return dict(json.loads(self.provenance))
+
     def identity(self) -> dict[str, Any]:
         """Return plain values that tell this BTF from others."""
         return {
@@ -103,7 +108,7 @@ class BtfLayout:
             "angles": hashlib.sha256(np.ascontiguousarray(self.angles).tobytes()).hexdigest(),
             "size_mm": list(self.size_mm),
             "type": self.dtype.name,
-            **json.loads(self.provenance),
+            **self.said,
         }
 
     def checked(self, first: int, images: np.ndarray) -> np.ndarray:
@@ -141,13 +146,10 @@ class BtfFile:
         images = self.layout.checked(first, images)
         self.file["values"][first : first + len(images)] = images
 
-    def note(self, name: str, first: int, numbers: np.ndarray, units: str) -> None:
-        """Write a number per pair beside the images, of consecutive pairs from ``first`` on."""
+    def note(self, name: str, numbers: np.ndarray, units: str) -> None:
+        """Write a number per pair beside the images, (pairs,)."""
         notes = self.file.require_group("notes")
-        if name not in notes:
-            table = notes.create_dataset(name, data=np.full(len(self.layout.angles), np.nan))
-            table.attrs["units"] = units
-        notes[name][first : first + len(numbers)] = numbers
+        notes.create_dataset(name, data=numbers).attrs["units"] = units
 
 
 @contextmanager
@@ -157,7 +159,7 @@ def new_btf(path: str | Path, layout: BtfLayout) -> Iterator[BtfFile]:
     Raises:
         SimrigError: the folder does not exist, cannot be written, or has no room.
     """
-    with create(path, CONTENT, json.loads(layout.provenance)) as file:
+    with create(path, CONTENT, layout.said) as file:
         file.attrs["conventions"] = CONVENTIONS + "; image rows from +y to -y, columns from -x"
         file.attrs["name"] = layout.name
         file.attrs["size_mm"] = layout.size_mm

@@ -8,12 +8,13 @@ import numpy as np
 
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Bound, Decision, Overrides, Plan, Tolerance, decide
+from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.btf.camera import TileCamera
+from simrig.rigs.btf.orders import MOST_BOUNCES, ORDER, ORDERS
 from simrig.rigs.tolerances import largest_change
 
-MOST_BOUNCES = 8
 _VIEWS, _LIGHTS = 5, 16  # that are looked at
 _TEXELS, _SPP = 24, 16
 _LARGEST_RATIO = 0.95  # of an order to the one before it, of what is beyond the last
@@ -44,7 +45,7 @@ class OrderEffect:
     @property
     def name(self) -> str:
         """``order-2`` and so on."""
-        return f"order-{self.order}"
+        return f"{ORDER}{self.order}"
 
     @property
     def description(self) -> str:
@@ -70,6 +71,7 @@ def plan_bounces(
     tile: Tile,
     angles: np.ndarray,
     tolerance: Tolerance,
+    overrides: Overrides | None = None,
     *,
     resolution: tuple[int, int],
     spp: int,
@@ -84,10 +86,14 @@ def plan_bounces(
         tile: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v of the measurement, radians.
         tolerance: by how much all left-out orders together may change the images.
+        overrides: what the user decided.
         resolution, spp: of the measurement, for the cost.
         seed: of the samples.
+
+    Raises:
+        SimrigError: overrides that name an unknown order, or leave one out below another.
     """
-    effects = tuple(OrderEffect(order) for order in range(2, MOST_BOUNCES + 1))
+    effects = tuple(OrderEffect(int(name.removeprefix(ORDER))) for name in ORDERS)
     elapsed = stopwatch()
     if tile.height_mm[0] == tile.height_mm[1]:
         flat = np.zeros((MOST_BOUNCES, 1, 3))
@@ -95,9 +101,15 @@ def plan_bounces(
         subject = BouncesSubject(flat, np.zeros(1), 0.0)
     else:
         subject = _probed(tile, angles, float(resolution[0]) * resolution[1] * spp, seed)
-    decisions: tuple[Decision, ...] = decide(effects, subject, tolerance, Overrides())
+    decisions: tuple[Decision, ...] = decide(effects, subject, tolerance, overrides)
     on = [order for order, decision in enumerate(decisions, start=2) if decision.on]
-    settings = {"bounces": max(on, default=1)}
+    bounces = max(on, default=1)
+    for name in (overrides or Overrides()).disable:
+        if int(name.removeprefix(ORDER)) < bounces:
+            raise SimrigError(
+                f"light of {ORDER}{bounces} was of {name} before: disable all from {name} on"
+            )
+    settings = {"bounces": bounces}
     about = {"planning_seconds": elapsed()}
     return Plan(decisions, settings, tolerance, about)
 

@@ -25,11 +25,13 @@ from simrig.core.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, hemisphere_81
 from simrig.directions.spherical import to_vector
-from simrig.files.btf.hdf5 import read_btf, read_notes
-from simrig.files.btf.recording import BtfWriter
+from simrig.files.btf.hdf5 import BtfLayout, read_btf
+from simrig.files.btf.recording import BtfRecording
+from simrig.files.checkpoint import recording_folder
 from simrig.mesostructure.tile import Tile
-from simrig.rigs.btf.bounces import MOST_BOUNCES, plan_bounces
+from simrig.rigs.btf.bounces import plan_bounces
 from simrig.rigs.btf.camera import TileCamera
+from simrig.rigs.btf.orders import MOST_BOUNCES
 
 AUTO = "auto"
 STANDARD_ERROR = "standard_error"  # per pair, 1/sr
@@ -63,8 +65,13 @@ def btf_angles(scheme: HemisphereScheme | None = None) -> np.ndarray:
 
 def by_view(angles: np.ndarray) -> np.ndarray:
     """Return pairs in the order in which they are measured: by view, else as they stood."""
+    return angles[view_order(angles)]
+
+
+def view_order(angles: np.ndarray) -> np.ndarray:
+    """Return the numbers of the pairs in the order of ``by_view``."""
     _, first, which = np.unique(angles[:, [1, 3]], axis=0, return_index=True, return_inverse=True)
-    return angles[np.argsort(first[which.ravel()], kind="stable")]
+    return np.argsort(first[which.ravel()], kind="stable")
 
 
 def stack_bytes(pairs: int, resolution: tuple[int, int], dtype: type = np.float16) -> int:
@@ -90,7 +97,6 @@ def measure_btf(
     path: str | Path | None = None,
     dtype: type = np.float16,
     variant: str = "auto",
-    about: dict[str, Any] | None = None,
     progress: Callable[..., None] | None = None,
 ) -> BtfStack:
     """Measure the BTF of a tile.
@@ -108,7 +114,6 @@ def measure_btf(
             and the same call goes on from it. Without a path the images stay in memory.
         dtype: of the stored values, ``np.float16`` or ``np.float32``.
         variant: Mitsuba variant, RGB.
-        about: plain values that the provenance also holds (how the tile was made).
         progress: called with views done and in total.
 
     Returns:
@@ -128,84 +133,80 @@ def measure_btf(
         allowed = tolerance or parse_tolerance(DEFAULT_TOLERANCE)
         plan = plan_bounces(tile, angles, allowed, resolution=shape, spp=spp, seed=seed)
         bounces = int(plan.settings["bounces"])
-    checked = checked_bounces(bounces)
+    layout = btf_layout(tile, angles, shape, spp, checked_bounces(bounces), seed, dtype)
+    folder = None if path is None else recording_folder(path)
+    recording = record_btf(tile, layout, folder, progress)
+    provenance = layout.said | {STANDARD_ERROR: _root_mean_square(recording.notes[STANDARD_ERROR])}
+    if path is None:
+        return replace(recording.stack(), provenance=provenance)
+    recording.save(path)
+    recording.remove()
+    return replace(read_btf(path), provenance=provenance)
+
+
+def btf_layout(
+    tile: Tile,
+    angles: np.ndarray,
+    resolution: tuple[int, int],
+    spp: int,
+    bounces: int,
+    seed: int,
+    dtype: type = np.float16,
+) -> BtfLayout:
+    """Return what a measurement will hold and how it comes about; see ``measure_btf``."""
     provenance = {
         "rig": "virtual BTF",
         "tile": {"name": tile.name, "triangles": tile.triangles, "height_mm": tile.height_mm},
-        **(about or {}),
+        **tile.origin,
         "spp": spp,
-        "bounces": checked,
+        "bounces": bounces,
         "seed": seed,
         "versions": {"simrig": simrig.__version__, "mitsuba": mi.__version__},
         "variant": mi.variant(),
     }
+    return BtfLayout.of(angles, resolution, tile.size_mm, tile.name, provenance, dtype)
+
+
+def record_btf(
+    tile: Tile,
+    layout: BtfLayout,
+    checkpoint: Path | None = None,
+    progress: Callable[..., None] | None = None,
+) -> BtfRecording:
+    """Record the images of a tile, view by view; those that a checkpoint keeps are taken from it.
+
+    Args:
+        tile: the material.
+        layout: of ``btf_layout``, pairs in the order of ``by_view``.
+        checkpoint: folder that keeps every view; None keeps the images in memory.
+        progress: called with views done and in total.
+    """
+    angles, how = layout.angles, layout.said
     unique, lights = np.unique(angles[:, [0, 2]], axis=0, return_inverse=True)
     views = list(_views(angles, lights.ravel()))
+    steepest = float(np.degrees(angles[:, :2].max()))
+    towards = to_vector(unique[:, 0], unique[:, 1])
     camera = TileCamera(
-        tile,
-        to_vector(unique[:, 0], unique[:, 1]),
-        float(np.degrees(angles[:, :2].max())),
-        shape,
-        spp,
-        seed,
-        len(views),
+        tile, towards, steepest, layout.resolution, how["spp"], how["seed"], len(views)
     )
-    if path is None:
-        return _in_memory(tile, camera, angles, views, checked, provenance, dtype, progress)
-    writer = BtfWriter(
-        path, angles, shape, tile.size_mm, name=tile.name, provenance=provenance, dtype=dtype
-    )
-    with writer:
-        _fill(writer, camera, views, checked, progress)
-    stack = read_btf(path)
-    return replace(stack, provenance=_with_error(provenance, read_notes(path)[STANDARD_ERROR]))
-
-
-def _fill(
-    writer: BtfWriter,
-    camera: TileCamera,
-    views: list[BtfView],
-    bounces: int,
-    progress: Callable[..., None] | None,
-) -> None:
-    """Measure the views that a file lacks."""
-    missing = set(writer.missing.tolist())
+    recording = BtfRecording(checkpoint, layout)
+    missing = set(recording.missing.tolist())
     for done, view in enumerate(views):
         if progress is not None:
             progress(done, len(views))
         if missing.isdisjoint(range(view.pairs.start, view.pairs.stop)):
             continue
-        images = camera.view(view.omega_v, view.lights, bounces, view.number)
+        images = camera.view(view.omega_v, view.lights, how["bounces"], view.number)
         notes = {STANDARD_ERROR: (images.standard_error, "1/sr, mean over texels")}
-        writer.write(view.first, images.values.sum(axis=0), notes)
+        recording.write(view.first, images.values.sum(axis=0), notes)
     if progress is not None:
         progress(len(views), len(views))
+    return recording
 
 
-def _in_memory(
-    tile: Tile,
-    camera: TileCamera,
-    angles: np.ndarray,
-    views: list[BtfView],
-    bounces: int,
-    provenance: dict[str, Any],
-    dtype: type,
-    progress: Callable[..., None] | None,
-) -> BtfStack:
-    values: np.ndarray = np.empty((len(angles), *camera.resolution, 3), dtype=dtype)
-    errors = np.empty(len(angles))
-    for done, view in enumerate(views):
-        images = camera.view(view.omega_v, view.lights, bounces, view.number)
-        values[view.pairs] = images.values.sum(axis=0)
-        errors[view.pairs] = images.standard_error
-        if progress is not None:
-            progress(done + 1, len(views))
-    return BtfStack(values, angles, tile.size_mm, tile.name, _with_error(provenance, errors))
-
-
-def _with_error(provenance: dict[str, Any], errors: np.ndarray) -> dict[str, Any]:
+def _root_mean_square(errors: np.ndarray) -> float | None:
     error = math.sqrt(float(np.mean(errors**2)))
-    return {**provenance, STANDARD_ERROR: None if math.isnan(error) else error}
+    return None if math.isnan(error) else error
 
 
 def _views(angles: np.ndarray, lights: np.ndarray) -> Iterator[BtfView]:

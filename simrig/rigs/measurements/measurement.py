@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from simrig.btf.stack import BtfStack
 from simrig.core.colour import encode_srgb
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
@@ -16,6 +17,16 @@ from simrig.core.shown import Exhibit, Shown, beside
 from simrig.directions.discs import disc
 from simrig.plans.listed import Directions
 from simrig.plans.protocol import Plan
+
+
+class Pictures(Protocol):
+    """Registered images, one for each pair of directions; the values are their means."""
+
+    def stack(self) -> BtfStack:
+        """Return the images."""
+
+    def save(self, path: str | Path, attributes: Mapping[str, str]) -> None:
+        """Write a BTF file that has some texts as attributes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,7 +41,7 @@ class Measurement(Shown):
         plan: which directions were asked for, and why; the list of ``angles`` unless given.
         uncertainty: (n, 3) standard uncertainty of the values in 1/sr; None where unknown.
         layout: what the plan knew when it was done (where samples lie along slices, ...).
-        pictures: the file of the pictures from which the values come; None without any.
+        pictures: from which the values come; None without any. They are what is stored then.
         provenance: plain values: rig, instrument, parameters, versions, fingerprint of the
             material.
 
@@ -46,7 +57,7 @@ class Measurement(Shown):
     plan: Plan = None  # type: ignore[assignment]  # set below
     uncertainty: np.ndarray | None = None
     layout: Mapping[str, np.ndarray] = field(default_factory=dict)
-    pictures: Path | None = None
+    pictures: Pictures | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -1,22 +1,30 @@
 """The file of a measurement: HDF5, the same for every rig and plan.
 
-Attributes: ``material``, ``cost``, ``plan`` (JSON: name and settings), ``pictures`` (a file beside
-it). Arrays: ``angles``, ``values``, ``uncertainty`` where known, and those of group ``layout``.
+Attributes: ``material``, ``cost``, ``plan`` (JSON: name and settings). Arrays: ``angles``,
+``values``, ``uncertainty`` where known, and those of group ``layout``. A measurement of pictures is
+a BTF file (``simrig.files.btf.hdf5``) with these attributes; any BTF file is read as one.
 """
 
 from __future__ import annotations
 
 import json
+import math
+import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+from simrig.btf.stack import BtfStack
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
 from simrig.files import hdf5
+from simrig.files.atomic import atomic_write
+from simrig.files.btf.hdf5 import CONTENT as BTF
+from simrig.files.btf.hdf5 import read_btf, read_notes
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.gantry import GantryPlan
 from simrig.plans.listed import Directions
@@ -35,12 +43,16 @@ def save_measurement(path: str | Path, measurement: Measurement) -> None:
         SimrigError: when the folder does not exist or cannot be written.
     """
     plan = {"name": measurement.plan.name, "settings": measurement.plan.settings()}
+    attributes = {
+        "material": measurement.material,
+        "cost": json.dumps(measurement.cost.as_dict()),
+        "plan": json.dumps(plan),
+    }
+    if measurement.pictures is not None:
+        measurement.pictures.save(path, attributes)
+        return
     with hdf5.create(path, CONTENT, measurement.provenance) as file:
-        file.attrs["material"] = measurement.material
-        file.attrs["cost"] = json.dumps(measurement.cost.as_dict())
-        file.attrs["plan"] = json.dumps(plan)
-        if measurement.pictures is not None:
-            file.attrs["pictures"] = str(measurement.pictures)
+        file.attrs.update(attributes)
         hdf5.write_array(file, "angles", measurement.angles, "radian")
         hdf5.write_array(file, "values", measurement.values, "1/sr")
         if measurement.uncertainty is not None:
@@ -57,6 +69,8 @@ def load_measurement(path: str | Path) -> Measurement:
         SimrigError: no measurement, of a later version, truncated, or inconsistent.
     """
     content = hdf5.content_of(path)
+    if content == BTF:
+        return _of_pictures(Path(path))
     content = content if content in _OF_0_1 else CONTENT
     with hdf5.open_checked(path, content) as file:
         angles = hdf5.read_array(file, "angles", (None, 4))
@@ -76,8 +90,7 @@ def load_measurement(path: str | Path) -> Measurement:
                 made,
                 uncertainty,
                 layout,
-                Path(file.attrs["pictures"]) if "pictures" in file.attrs else None,
-                hdf5.provenance_of(file),
+                provenance=hdf5.provenance_of(file),
             )
         except (SimrigError, TypeError, KeyError, ValueError, RecursionError) as error:
             said = error if isinstance(error, SimrigError) else "its plan or cost is malformed"
@@ -99,6 +112,51 @@ def _json(file: h5py.File, name: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise TypeError(name)
     return value
+
+
+# --- files of pictures ---
+
+
+@dataclass(frozen=True)
+class StoredPictures:
+    """The images of a BTF file."""
+
+    path: Path
+
+    def stack(self) -> BtfStack:
+        """Return the images, which stay in the file."""
+        return read_btf(self.path)
+
+    def save(self, path: str | Path, attributes: Mapping[str, str]) -> None:
+        """Copy the file, which has its attributes."""
+        with atomic_write(path) as temporary:
+            shutil.copyfile(self.path, temporary)
+
+
+def _of_pictures(path: Path) -> Measurement:
+    """Return the measurement of a BTF file; of one that no rig measured the plan is its list."""
+    stack = read_btf(path)
+    error = read_notes(path).get("standard_error")
+    sure = None
+    if error is not None and np.isfinite(error).all() and error.min() >= 0.0:
+        sure = np.repeat(error[:, None] / math.sqrt(math.prod(stack.resolution)), 3, axis=1)
+    cost, plan = Cost(samples=len(stack), bytes=stack.nbytes), None
+    with hdf5.open_checked(path, BTF) as file:
+        material = str(file.attrs.get("material", stack.name))
+        if "plan" in file.attrs:
+            cost, stored = Cost(**_json(file, "cost")), _json(file, "plan")
+            plan = restored_plan(stored["name"], stored["settings"], stack.angles)
+    values = stack.mean().values
+    return Measurement(
+        stack.angles,
+        values,
+        material,
+        cost,
+        plan or Directions(stack.angles),
+        sure,
+        pictures=StoredPictures(path),
+        provenance=stack.provenance,
+    )
 
 
 # --- files of version 0.1, which knew three kinds of measurement ---
