@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,11 @@ from simrig.directions.schemes import uniform_scheme
 from simrig.files.btf import images as btf_images
 from simrig.files.btf.hdf5 import read_btf, write_btf
 from simrig.files.load import load_material
+from simrig.mesostructure import build_tile
 from simrig.plans.listed import named_scheme
 from simrig.rigs.btf.rig import by_view
+from simrig.rigs.measurements.measurement import Measurement
+from simrig.rigs.registry import make_rig
 
 made = partial(done, "btf")
 refused = partial(refusal, "btf")
@@ -165,3 +169,36 @@ def test_bad_input(tmp_path: Path, pairs: Path, monkeypatch: pytest.MonkeyPatch)
     ):
         assert "for a folder" in refused("convert", there, tmp_path / "out", *option)
     assert not new.exists()
+
+
+def test_measure_with_the_rig_is_the_same_measurement(tmp_path: Path) -> None:
+    there, here = tmp_path / "there.h5", tmp_path / "here.h5"
+    options = ("--resolution", "4", "--spp", "2", "--seed", "3", "--single")
+    told = made("measure", "leather_nappa", "--output", there, "--directions", "1", *options)
+    rig = ("--rig", "btf", "--scheme", "1")
+    said = done("measure", "leather_nappa", *rig, "--output", here, *options)
+    assert said["effects"]["settings"] == told["plan"]["settings"]
+    first, second = read_btf(there), read_btf(here)
+    np.testing.assert_array_equal(first.values[()], second.values[()])
+    assert first.provenance["bounces"] == second.provenance["bounces"] > 1
+    assert first.values.dtype == np.float32
+    measurement = Measurement.load(here)
+    np.testing.assert_allclose(measurement.values, first.mean().values, rtol=1e-12)
+    assert measurement.plan.name == "scheme" and measurement.cost.hardware_seconds > 0.0
+    assert measurement.uncertainty is not None and np.all(measurement.uncertainty >= 0.0)
+    measurement.save(tmp_path / "copy.h5")
+    assert (tmp_path / "copy.h5").read_bytes() == here.read_bytes()
+    few, tile = first.angles[:40:7], build_tile("leather_nappa", seed=3)
+    rig_alone: Any = make_rig("btf", resolution=4, spp=64, seed=3)
+    recorded = rig_alone.record(tile, few)
+    assert np.abs(recorded.values / measurement.values[:40:7] - 1.0).max() < 0.5
+    with pytest.raises(SimrigError, match="measures a Brdf, got Tile"):
+        make_rig("gonioreflectometer").check(tile, measurement.plan)
+
+
+def test_any_btf_file_is_a_measurement(tmp_path: Path) -> None:
+    stack = bumps((4, 4), (8.0, 8.0), "uniform_1")
+    measurement = Measurement.load(write_btf(tmp_path / "bumps.h5", stack))
+    np.testing.assert_allclose(measurement.values, stack.mean().values, rtol=1e-12)
+    assert measurement.uncertainty is None and measurement.plan.name == "directions"
+    assert measurement.pictures is not None and len(measurement.pictures.stack()) == len(stack)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from simrig.core.errors import SimrigError
 
-# what the system says when there is no room, and how HDF5 repeats it
 _PARTIAL = ".partial-"
+# what the system says when there is no room, and how HDF5 repeats it
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

@@ -172,7 +172,7 @@ def as_brdf(material: Any) -> Brdf:
         return material
     advice = {
         BtfStack: "average it (simrig.average)",
-        Tile: "measure it with rig 'btf', whose values are means of images",
+        Tile: "measure its BTF (rig 'btf'), whose values are means of images",
     }
     cure = next((text for kind, text in advice.items() if isinstance(material, kind)), None)
     if cure is None and hasattr(material, "plan"):

@@ -17,6 +17,7 @@ from simrig.core.effects import Overrides, Tolerance
 from simrig.core.effects import Plan as EffectPlan
 from simrig.core.errors import SimrigError
 from simrig.core.options import Option
+from simrig.mesostructure import PRESETS
 from simrig.plans.protocol import Plan, Recorded
 from simrig.plans.registry import make_plan
 from simrig.rigs.fingerprint import fingerprint
@@ -98,6 +99,8 @@ class Rig(ABC):
         """
         from simrig.files.load import load_material
 
+        if str(source) in PRESETS and not Path(source).exists():
+            raise SimrigError(f"'{source}' is a material with structure: measure it with rig 'btf'")
         return load_material(source)
 
     def check(self, material: Any, plan: Plan) -> None:
