@@ -191,7 +191,7 @@ def test_measure_with_the_rig_is_the_same_measurement(tmp_path: Path) -> None:
     few, tile = first.angles[:40:7], build_tile("leather_nappa", seed=3)
     rig_alone: Any = make_rig("btf", resolution=4, spp=64, seed=3)
     recorded = rig_alone.record(tile, few)
-    assert np.abs(recorded.values / measurement.values[:40:7] - 1.0).max() < 0.5
+    assert np.median(np.abs(recorded.values / measurement.values[:40:7] - 1.0)) < 0.2
     with pytest.raises(SimrigError, match="measures a Brdf, got Tile"):
         make_rig("gonioreflectometer").check(tile, measurement.plan)
 
