@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from simrig.brdf.protocol import Brdf
+from simrig.btf.stack import BtfStack
 from simrig.core.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
-from simrig.front_door.materials import as_brdf
+from simrig.front_door.materials import as_brdf, load
 from simrig.mesostructure import Tile
 from simrig.methods import method as method_named
 from simrig.methods import method_for
@@ -98,8 +99,8 @@ def reconstruct(
     Source: docs/methods.md.
     """
     chosen = None if method is None else method_named(method)
-    measured = measurement
-    if isinstance(measurement, str | Path):
+    measured = load(measurement) if isinstance(measurement, str | Path) else measurement
+    if isinstance(measured, BtfStack) and isinstance(measurement, str | Path):
         measured = Measurement.load(measurement)
     if not isinstance(measured, Measurement):
         raise SimrigError(f"a measurement is needed, got {type(measured).__name__}")
