@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import solve
 
 from simrig.brdf import KURT_MATERIALS, Lambert, evaluate, kurt_material
-from simrig.brdf.kriging.choice import choose_model, left_out_error
+from simrig.brdf.kriging.choice import choose_model, left_out_error, with_profile
 from simrig.brdf.kriging.coordinates import (
     BACK,
     EVEN,
@@ -46,13 +46,13 @@ def samples_of(brdf, count: int, seed: int = 3) -> Samples:
     return Samples(wi, wv, brdf.eval(wi, wv), REACH, REACH)
 
 
-def random_table(symmetry: Symmetry) -> HalfDifferenceTable:
+def random_table(symmetry: Symmetry, profile: np.ndarray | None = None) -> HalfDifferenceTable:
     shape = (9, 1 if symmetry.isotropic else 6, 5, 6)
     logs = np.random.default_rng(1).normal(size=(*shape, 3)) - 2.0
     power = 0 if symmetry.reciprocal else 1
     stretches = Stretch(0.1, 0.3), Stretch(0.2, 0.6)
     return HalfDifferenceTable(
-        logs, symmetry, stretches[0], 1e-3, power, REACH, "random", stretches[1]
+        logs, symmetry, stretches[0], 1e-3, power, REACH, "random", stretches[1], profile
     )
 
 
@@ -142,6 +142,49 @@ def test_a_table_is_the_same_in_every_array_type(symmetry):
     assert single == pytest.approx(expected, rel=2e-3, abs=1e-4)
 
 
+def test_a_profile_multiplies_a_table_by_a_function_of_theta_h(tmp_path):
+    profile = np.random.default_rng(4).normal(size=(40, 3))
+    table, plain = random_table(ISOTROPIC, profile), random_table(ISOTROPIC)
+    wi, wv = even_pairs(400, REACH, REACH, 8)
+    got, without = table.eval(wi, wv) + table.floor, plain.eval(wi, wv) + table.floor
+    shown_twice = np.minimum(got, without) > 2.0 * table.floor  # below it f_r is 0
+    position = table.stretch(to_half_difference(wi, wv).theta_h)
+    curve = [np.interp(position, np.linspace(0.0, 1.0, 40), own) for own in profile.T]
+    expected = np.exp(np.stack(curve, axis=-1))
+    assert (got / without)[shown_twice] == pytest.approx(expected[shown_twice], rel=1e-6)
+    write_brdf(tmp_path / "table.h5", table)
+    assert np.array_equal(read_brdf(tmp_path / "table.h5").eval(wi, wv), table.eval(wi, wv))
+    single = evaluate(table, wi, wv, dr.llvm.ad.Float)
+    assert single == pytest.approx(table.eval(wi, wv), rel=2e-3, abs=1e-4)
+
+
+def test_fine_steps_that_all_angles_share_are_found():
+    # a factor of theta_h alone, as measured distributions of normals have it
+    steps = np.random.default_rng(5).normal(size=240) * 0.2
+
+    def factor(angles: np.ndarray) -> np.ndarray:
+        theta_h, _, theta_d, phi_d = angles.T
+        others = np.sin(4.0 * theta_d) + 4.0 * np.sin(theta_d) ** 2 * np.cos(2.0 * phi_d)
+        return np.exp(np.interp(theta_h, np.linspace(0.0, 1.5, 240), steps) + others)[:, None]
+
+    wi, wv = displayed_pairs(2400, REACH, REACH, 3)
+    new = displayed_pairs(500, REACH, REACH, 4)
+    angles, at = half_difference_angles(wi, wv), half_difference_angles(*new)
+    values = np.full((2400, 3), 0.1)
+    even = fit_model(Samples(wi, wv, values, REACH, REACH), ISOTROPIC, evaluations=10)
+    assert with_profile(even).profile is None
+    values, truth = (0.1 * factor(a) * np.ones(3) for a in (angles, at))
+    without = fit_model(Samples(wi, wv, values, REACH, REACH), ISOTROPIC)
+    model = with_profile(without)
+    assert model.profile is not None
+    logs = model.transform.forward(truth, new[0][:, 2])
+    off = [np.abs(logs - own.at(at)[0]).mean() for own in (without, model)]
+    assert off[1] < 0.5 * off[0]
+    table = tabulated(model, "steps")
+    made = model.transform.forward(table.eval(*new), new[0][:, 2])
+    assert np.abs(logs - made).mean() < 1.2 * off[1]
+
+
 def test_a_table_is_finite_where_angles_are_undefined():
     table = random_table(ORTHOTROPIC)
     up, flat = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1e-9])
@@ -159,6 +202,8 @@ def test_a_table_is_finite_where_angles_are_undefined():
         ({"floor": -1.0}, "floor"),
         ({"power": 1}, "reciprocal"),
         ({"theta_max": 2.0}, "largest theta"),
+        ({"profile": np.zeros((1, 3))}, "profile"),
+        ({"profile": np.full((4, 3), np.inf)}, "not finite"),
     ],
 )
 def test_a_table_refuses_what_cannot_be(change, message):

@@ -19,9 +19,10 @@ from simrig.plans.auto.findings import findings_of, has_findings
 from simrig.plans.protocol import Measured
 from simrig.reconstruction.result import Reconstructed
 
-_ISOTROPIC_NODES, _ANISOTROPIC_NODES = 120_000, 1_500_000  # at most
+_ISOTROPIC_NODES, _ANISOTROPIC_NODES = 240_000, 1_500_000  # at most
 _FEWEST_NODES = {True: 20_000, False: 240_000}  # isotropic or not
 _NODES_PER_SAMPLE = 60
+_PROFILE_NODES = 1500  # of a curve over theta_h, some four to each of its own
 _BLOCK_NEIGHBOURS = 48  # of 2 × 2 × 2 × 2 nodes together
 # nodes of theta_h, phi_h, theta_d and phi_d (over full turns) to one another
 _ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 10.0, 2.0, 2.2)
@@ -77,9 +78,8 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
         ]
     )
     angles = np.stack([axis[nodes[:, k]] for k, axis in enumerate(axes)], axis=-1)
-    points = model.coordinates(angles.reshape(-1, 4)).reshape(*angles.shape[:2], -1)
     neighbours = min(_BLOCK_NEIGHBOURS, len(model.features))
-    logs, _ = model.at_blocks(points.swapaxes(0, 1), neighbours)
+    logs, _ = model.at_blocks(angles.swapaxes(0, 1), neighbours)
     values = np.empty((*shape, 3), dtype=np.float32)
     values[tuple(nodes.transpose(1, 2, 0))] = logs
     return HalfDifferenceTable(
@@ -91,7 +91,15 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
         model.samples.theta_i_max,
         name,
         stretch_d,
+        _curve(model),
     )
+
+
+def _curve(model: KrigingModel) -> np.ndarray | None:
+    """Return the profile of a model at even steps of its stretched theta_h, (m, 3)."""
+    if model.profile is None:
+        return None
+    return model.profile(model.coordinates.stretch.inverse(np.linspace(0.0, 1.0, _PROFILE_NODES)))
 
 
 def table_shape(symmetry: Symmetry, samples: int) -> tuple[int, int, int, int]:

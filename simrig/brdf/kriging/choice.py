@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
-from simrig.brdf.kriging.coordinates import prior_of
+from simrig.brdf.kriging.coordinates import Stretch, prior_of
 from simrig.brdf.kriging.displayed import shown
 from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
+from simrig.brdf.kriging.profile import fit_profile
 from simrig.brdf.kriging.symmetry import Symmetry
 
 # more symmetries are taken when they predict at most this much worse
 _TIE = 1.02
+_BETTER = 0.97  # a profile must predict this much better
+_LEAST_LINEAR = 0.4  # share of theta_h itself in the steps of a profile
 # where fits start too: width of the highlight in radians, logit of the linear share
 _STARTS = ((0.002, 1.7), (0.3, 1.0))
 
@@ -53,8 +57,33 @@ def final_model(samples: Samples, symmetry: Symmetry) -> KrigingModel:
         start = usual.copy()
         start[-3:-1] = np.log(width), linear
         starts.append(start)
-    models = [fit_model(samples, symmetry, start, final=True) for start in starts]
-    return min(models, key=left_out_error)
+    models = [fit_model(samples, symmetry, start) for start in starts]
+    best = min(models, key=left_out_error)
+    longer = fit_model(samples, symmetry, best.parameters, final=True)
+    return with_profile(min(longer, best, key=left_out_error), final=True)
+
+
+def with_profile(model: KrigingModel, final: bool = False) -> KrigingModel:
+    """Return the model with the curve of theta_h that its samples share, where that helps.
+
+    Args:
+        model: with or without one.
+        final: see ``fit_model``.
+    """
+    if not model.symmetry.isotropic:
+        return model
+    own = model.coordinates.stretch
+    steps = Stretch(own.width, max(own.linear, _LEAST_LINEAR))
+    theta_h = model.samples_angles[:, 0]
+    found = fit_profile(theta_h, model.logs, model.features, model.coordinates.nugget, steps)
+    if found is not None and model.profile is not None:
+        return replace(model, profile=found)
+    if found is None and model.profile is None:
+        return model
+    other = fit_model(
+        model.samples, model.symmetry, model.parameters, 100, final=final, profile=found
+    )
+    return other if left_out_error(other) < _BETTER * left_out_error(model) else model
 
 
 def choose_model(

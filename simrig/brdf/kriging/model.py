@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,11 +17,12 @@ from simrig.brdf.kriging.coordinates import (
 )
 from simrig.brdf.kriging.displayed import displayed_pairs, typical_level
 from simrig.brdf.kriging.local import kriging_weights, predict
+from simrig.brdf.kriging.profile import Profile
 from simrig.brdf.kriging.symmetry import Symmetry
 
 _FEWEST = 6  # samples; the parameters of fewer are the expected ones
-_LEFT_OUT, _MOST_LEFT_OUT = 300, 500  # samples whose prediction chooses the parameters
-_FINAL_EVALUATIONS = 400
+_LEFT_OUT, _MOST_LEFT_OUT = 300, 1000  # samples whose prediction chooses the parameters
+_FINAL_EVALUATIONS = 240
 _NEAR = 16  # neighbours while parameters are chosen
 _LEVEL_PAIRS = 2048
 _FLOORS = {True: 0.01, False: 0.001}  # of the logarithm, over the level: isotropic or not
@@ -88,6 +89,7 @@ class KrigingModel:
         transform: to logarithms.
         level: typical f_r · cos(theta_i)^power in a picture.
         parameters: of the coordinates, to start another fit from.
+        profile: a curve of theta_h that the logarithms hold beside what is interpolated.
     """
 
     samples: Samples
@@ -95,6 +97,7 @@ class KrigingModel:
     transform: Transform
     level: float
     parameters: np.ndarray
+    profile: Profile | None = None
 
     @cached_property
     def logs(self) -> np.ndarray:
@@ -102,9 +105,19 @@ class KrigingModel:
         return self.transform.forward(self.samples.values, self.samples.wi[:, 2])
 
     @cached_property
+    def interpolated(self) -> np.ndarray:
+        """(n, 3) of them what is interpolated: all but the profile."""
+        return self.logs - self._profile_at(self.samples_angles)
+
+    @cached_property
+    def samples_angles(self) -> np.ndarray:
+        """The half-difference angles (n, 4) of the samples."""
+        return half_difference_angles(self.samples.wi, self.samples.wv, self.symmetry.axis)
+
+    @cached_property
     def features(self) -> np.ndarray:
         """(i·n, f) coordinates of the samples and of their images."""
-        return self.coordinates(self.symmetry.images(self.angles_of()))
+        return self.coordinates(self.symmetry.images(self.samples_angles))
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -120,29 +133,34 @@ class KrigingModel:
         """How many samples (or images) predict a value."""
         return min(32 if self.symmetry.isotropic else 40, len(self.features))
 
-    def angles_of(self) -> np.ndarray:
-        """Return the half-difference angles (n, 4) of the samples."""
-        return half_difference_angles(self.samples.wi, self.samples.wv, self.symmetry.axis)
-
     def at(self, angles: np.ndarray, neighbours: int | None = None) -> tuple[np.ndarray, ...]:
         """Return logarithms (n, 3) and their relative deviations (n,) at angles (n, 4)."""
-        points = self.coordinates(angles)
-        logs, spread = self.at_blocks(points[:, None, :], neighbours)
-        return logs[:, 0], spread[:, 0]
+        logs, spread = self.at_blocks(angles[:, None, :], neighbours)
+        return logs[:, 0] + self._profile_at(angles), spread[:, 0]
 
     def at_blocks(
-        self, points: np.ndarray, neighbours: int | None = None
+        self, angles: np.ndarray, neighbours: int | None = None
     ) -> tuple[np.ndarray, ...]:
-        """Return the same for groups of coordinates (b, p, f), each with one set of neighbours.
+        """Return the same, but for the profile, of groups of angles (b, p, 4).
+
+        Each group has one set of neighbours.
 
         Returns:
             (b, p, 3) logarithms and (b, p) deviations.
         """
+        points = self.coordinates(angles.reshape(-1, 4)).reshape(*angles.shape[:2], -1)
         count = min(neighbours or self.neighbours, len(self.features))
         _, near = self.tree.query(points.mean(axis=1), k=count)
         near = near.reshape(len(points), count)
-        values = np.tile(self.logs, (len(self.features) // len(self.logs), 1))
-        return predict(self.features, values, points, near, self.coordinates.nugget)
+        return predict(self.features, self._of_images, points, near, self.coordinates.nugget)
+
+    @property
+    def _of_images(self) -> np.ndarray:
+        """(i·n, 3) what is interpolated, of the samples and their images."""
+        return np.tile(self.interpolated, (len(self.features) // len(self.samples), 1))
+
+    def _profile_at(self, angles: np.ndarray) -> np.ndarray | float:
+        return 0.0 if self.profile is None else self.profile(angles[:, 0])
 
     def left_out(self, neighbours: int = _NEAR) -> tuple[np.ndarray, np.ndarray]:
         """Return what all other samples say of each, less the sample, and the deviation expected.
@@ -150,12 +168,13 @@ class KrigingModel:
         Returns:
             (n, 3) differences of logarithms and (n,) deviations over that of the signal.
         """
-        own = np.arange(len(self.logs))
+        own = np.arange(len(self.samples))
         near = _others(self.tree, self.features[own], own, len(own), neighbours)
-        values = np.tile(self.logs, (len(self.features) // len(own), 1))
         points = self.features[own][:, None, :]
-        made, spread = predict(self.features, values, points, near, self.coordinates.nugget)
-        return made[:, 0] - self.logs, spread[:, 0]
+        made, spread = predict(
+            self.features, self._of_images, points, near, self.coordinates.nugget
+        )
+        return made[:, 0] - self.interpolated, spread[:, 0]
 
 
 def fit_model(
@@ -164,6 +183,7 @@ def fit_model(
     start: np.ndarray | None = None,
     evaluations: int = 160,
     final: bool = False,
+    profile: Profile | None = None,
 ) -> KrigingModel:
     """Return the model whose parameters predict left-out samples best.
 
@@ -176,6 +196,7 @@ def fit_model(
         start: parameters to start from; by default the expected ones.
         evaluations: of the criterion.
         final: leave more samples out, and search longer.
+        profile: what of the logarithms is not interpolated.
     """
     evaluations = max(evaluations, _FINAL_EVALUATIONS) if final else evaluations
     power = 0 if symmetry.reciprocal else 1
@@ -187,13 +208,14 @@ def fit_model(
     level = _level(samples, expected(images), expected, power)
     transform = Transform(_FLOORS[symmetry.isotropic] * level, power)
     parameters = prior.mean if start is None or len(start) != len(prior.mean) else start
+    model = KrigingModel(samples, expected, transform, level, parameters, profile)
     if len(samples) >= _FEWEST:
-        logs = transform.forward(samples.values, samples.wi[:, 2])
         chosen = np.random.default_rng(0).permutation(len(samples))
         chosen = chosen[: _MOST_LEFT_OUT if final else _LEFT_OUT]
+        logs = model.interpolated
         parameters = _likeliest(images, logs, chosen, expected, parameters, evaluations)
     coordinates = prior.coordinates(parameters, symmetry, stretch_d)
-    return KrigingModel(samples, coordinates, transform, level, parameters)
+    return replace(model, coordinates=coordinates, parameters=parameters)
 
 
 def _likeliest(

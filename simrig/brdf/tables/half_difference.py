@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import product
 from typing import Any
 
@@ -30,6 +30,14 @@ HALF = 0.5 * np.pi
 _LARGEST_LOG = 80.0  # exp of it is a float32
 
 
+@dataclass(frozen=True)
+class Logarithms:
+    """What a look-up reads; plain, since packed logarithms would lose what f_r needs."""
+
+    table: PlainColours
+    profile: PlainColours | None
+
+
 class HalfDifferenceTable(Brdf):
     """log(f_r · cos(theta_i)^power + floor) over theta_h, phi_h, theta_d, phi_d, multilinear.
 
@@ -37,7 +45,8 @@ class HalfDifferenceTable(Brdf):
     azimuths cover what the symmetry leaves of a turn. f_r is continuous at theta_h = 0, at equal
     directions and around all azimuths if the nodes there agree, as those of a reconstruction do.
     Beyond the largest polar angles with samples the table holds what was continued there; below
-    the smallest cosine f_r is held.
+    the smallest cosine f_r is held. A curve over theta_h may be added to the logarithms, finer than
+    the table.
 
     Args:
         logs: (n_theta_h, n_phi_h, n_theta_d, n_phi_d, 3), finite; n_phi_h is 1 when isotropic.
@@ -47,6 +56,7 @@ class HalfDifferenceTable(Brdf):
         power: of the cosine of theta_i, 0 or 1.
         theta_max: largest polar angle with samples, radians.
         stretch_d: of theta_d.
+        profile: (m, 3) the curve, at even steps of the stretched theta_h, or None.
 
     Raises:
         SimrigError: shape or values that cannot be.
@@ -64,6 +74,7 @@ class HalfDifferenceTable(Brdf):
         theta_max: float,
         name: str = "half_difference",
         stretch_d: Stretch = EVEN,
+        profile: np.ndarray | None = None,
     ):
         logs = np.asarray(logs, dtype=np.float32)
         if logs.ndim != 5 or logs.shape[4] != 3 or min(logs.shape[0], *logs.shape[2:4]) < 2:
@@ -73,7 +84,11 @@ class HalfDifferenceTable(Brdf):
             )
         if symmetry.isotropic != (logs.shape[1] == 1):
             raise SimrigError("phi_h has one node in an isotropic table, and more in any other")
-        if not np.all(np.isfinite(logs)) or logs.max() > _LARGEST_LOG:
+        curve = np.zeros((2, 3)) if profile is None else np.asarray(profile, dtype=np.float32)
+        if curve.ndim != 2 or curve.shape[1] != 3 or len(curve) < 2:
+            raise SimrigError(f"the profile of table '{name}' must have shape (2 or more, 3)")
+        largest = logs.max() + max(curve.max(), 0.0)
+        if not (np.all(np.isfinite(logs)) and np.all(np.isfinite(curve))) or largest > _LARGEST_LOG:
             raise SimrigError(f"table '{name}' holds values that are not finite or too large")
         if not (np.isfinite(floor) and floor >= 0.0) or power not in (0, 1):
             raise SimrigError(f"table '{name}' needs a floor >= 0 and a power of 0 or 1")
@@ -84,17 +99,17 @@ class HalfDifferenceTable(Brdf):
         if symmetry.reciprocal and power:
             raise SimrigError("a reciprocal table cannot hold the cosine of one direction")
         self.logs, self.symmetry, self.stretch = read_only(logs), symmetry, stretch
-        self.stretch_d = stretch_d
+        self.stretch_d, self.profile = stretch_d, None if profile is None else read_only(curve)
         self.floor, self.power, self.name = float(floor), int(power), name
         self.theta_max, self.reciprocal = float(theta_max), symmetry.reciprocal
 
     @property
     def stored_bytes(self) -> int:
-        """Size of the table."""
-        return int(self.logs.nbytes)
+        """Size of the table and its profile."""
+        return sum(int(values.nbytes) for values in self.data().values())
 
     def data(self) -> Mapping[str, np.ndarray]:
-        return {"logs": self.logs}
+        return {"logs": self.logs} | ({} if self.profile is None else {"profile": self.profile})
 
     def structure(self) -> dict[str, Any]:
         return {
@@ -120,19 +135,22 @@ class HalfDifferenceTable(Brdf):
             float(structure["theta_max"]),
             name,
             Stretch(float(structure["width_d"]), float(structure["linear_d"])),
+            data.get("profile"),
         )
 
-    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> PlainColours:
-        return PlainColours(data["logs"])  # packed, a logarithm would lose what f_r needs
+    def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Logarithms:
+        profile = PlainColours(data["profile"]) if "profile" in data else None
+        return Logarithms(PlainColours(data["logs"]), profile)
 
-    def look_up(self, wi: Array, wv: Array, tables: PlainColours) -> Array:
+    def look_up(self, wi: Array, wv: Array, tables: Logarithms) -> Array:
         at = to_half_difference(wi, wv)
         xp = namespace(at.theta_h)
         phi_h, phi_d = self.symmetry.fold(self._from_axis(at))
         n_h, n_p, n_d, n_q, _ = self.logs.shape
         (turn_h, turn_d), (fold_h, fold_d) = self.symmetry.extent, self.symmetry.folded
+        radius = self.stretch(at.theta_h)
         positions = [
-            self.stretch(at.theta_h) * (n_h - 1.0),
+            radius * (n_h - 1.0),
             phi_h * ((n_p - 1.0) * 2.0 / turn_h if fold_h else n_p / turn_h),
             self.stretch_d(at.theta_d) * (n_d - 1.0),
             phi_d * ((n_q - 1.0) * 2.0 / turn_d if fold_d else n_q / turn_d),
@@ -146,7 +164,11 @@ class HalfDifferenceTable(Brdf):
         logs: Array = None
         for (a, p), (b, q), (c, r), (d, s) in product(*axes):
             index = ((a * n_p + b) * n_d + c) * n_q + d
-            logs = multiply_add(tables.read(index), p * q * r * s, logs)
+            logs = multiply_add(tables.table.read(index), p * q * r * s, logs)
+        if tables.profile is not None and self.profile is not None:
+            last = len(self.profile) - 1.0
+            for node, weight in _nodes(radius * last, len(self.profile), False):
+                logs = multiply_add(tables.profile.read(node), weight, logs)
         value = xp.maximum(xp.exp(logs) - self.floor, 0.0)
         if self.power:
             value = scale(value, 1.0 / xp.maximum(components(wi)[2], math.cos(self.theta_max)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from simrig.brdf.kriging.choice import left_out_error
+from simrig.brdf.kriging.choice import left_out_error, with_profile
 from simrig.brdf.kriging.coordinates import half_difference_angles
 from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs
 from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
@@ -189,7 +189,8 @@ class _Run:
                 continue
             wi, wv = self._batch(model, wanted, number)
             more = model.samples.with_more(wi, wv, (yield _angles(wi, wv)))
-            model = fit_model(more, model.symmetry, model.parameters, evaluations=100)
+            model = fit_model(more, model.symmetry, model.parameters, 100, profile=model.profile)
+            model = with_profile(model)
             if number in _LOOKS_BACK and plan.assumed is None:
                 model = self._looked_back(model)
         self._predicted(model)
