@@ -8,6 +8,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import (
     KURT_MATERIALS,
     RESCALED_MATERIALS,
@@ -20,7 +21,6 @@ from simrig.brdf import (
 )
 from simrig.core import backend
 from simrig.core.arrays import vector_type
-from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.evaluation.stability.hard_cases import ROUGHNESS, hard_case, hard_cases
 
@@ -113,8 +113,7 @@ def test_rescaled_materials_differ_in_the_second_lobe_only():
 
 
 def test_unknown_material_names_the_nearest():
-    with pytest.raises(SimrigError, match="did you mean 'red_velvet'"):
-        kurt_material("red_velvt")
+    refused("did you mean 'red_velvet'", kurt_material, "red_velvt")
 
 
 @pytest.mark.parametrize(
@@ -135,8 +134,7 @@ def test_unknown_material_names_the_nearest():
     ],
 )
 def test_bad_parameters_are_refused(make, message):
-    with pytest.raises(SimrigError, match=message):
-        make()
+    refused(message, make)
 
 
 # Values

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.core import backend
-from simrig.core.errors import SimrigError
 
 LLVM_15 = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
 NO_LLVM = Path("/nonexistent/libLLVM.so")
@@ -65,8 +65,7 @@ def test_a_missing_llvm_is_refused_in_one_line(call: str) -> None:
 def test_scalar_variants_are_refused_with_what_to_choose() -> None:
     for variant, instead in (("rgb", "rgb"), ("spectral", "spectral"), ("rgb_double", "rgb")):
         said = f"choose 'llvm_ad_{instead}' or 'cuda_ad_{instead}'"
-        with pytest.raises(SimrigError, match=f"variant 'scalar_{variant}' .* {said}"):
-            backend.select(f"scalar_{variant}")
+        refused(f"variant 'scalar_{variant}' .* {said}", backend.select, f"scalar_{variant}")
 
 
 def test_auto_takes_cuda_only_where_it_can_trace_rays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,8 +78,7 @@ def test_auto_takes_cuda_only_where_it_can_trace_rays(monkeypatch: pytest.Monkey
     monkeypatch.setattr(backend, "cuda_problem", lambda: "no GPU")
     assert backend.resolve() == "llvm_ad_rgb"
     monkeypatch.setattr(backend, "llvm_problem", lambda: "no LLVM: install it")
-    with pytest.raises(SimrigError, match="'llvm_ad_rgb' cannot run here: no LLVM: install it"):
-        backend.resolve()
+    refused("'llvm_ad_rgb' cannot run here: no LLVM: install it", backend.resolve)
 
 
 def test_an_optix_library_that_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,12 +90,9 @@ def test_an_optix_library_that_cannot_be_loaded_is_named(monkeypatch: pytest.Mon
 
 
 def test_unknown_names_suggest_the_nearest() -> None:
-    with pytest.raises(SimrigError, match="did you mean 'llvm_ad_rgb'"):
-        backend.select("llvm_rgb")
-    with pytest.raises(SimrigError, match="did you mean 'float64'"):
-        backend.types("float46")
-    with pytest.raises(SimrigError, match="unknown backend 'metal'"):
-        backend.types(backend="metal")
+    refused("did you mean 'llvm_ad_rgb'", backend.select, "llvm_rgb")
+    refused("did you mean 'float64'", backend.types, "float46")
+    refused("unknown backend 'metal'", backend.types, backend="metal")
 
 
 def test_select_sets_the_variant() -> None:
@@ -117,8 +112,7 @@ def test_types_compute_in_their_precision(precision: str, dtype: type) -> None:
 
 
 def test_a_thread_count_below_one_is_refused() -> None:
-    with pytest.raises(SimrigError, match="at least 1, got 0"):
-        backend.set_threads(0)
+    refused("at least 1, got 0", backend.set_threads, 0)
 
 
 def test_threads_are_limited() -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.btf.stack import BtfStack
-from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.files.btf.hdf5 import read_btf
 from simrig.mesostructure import build_tile
@@ -68,8 +68,7 @@ def test_another_measurement_is_refused_and_stays(
     path = tmp_path / "beech.h5"
     before = kept(path).values[()]
     unmeasured()
-    with pytest.raises(SimrigError, match=rf"another measurement, with other {named}: remove it"):
-        kept(path, **other)
+    refused(rf"another measurement, with other {named}: remove it", kept, path, **other)
     np.testing.assert_array_equal(read_btf(path).values[()], before)
 
 
@@ -79,14 +78,12 @@ def test_a_file_of_another_origin_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "beech.h5"
     measured = kept(None)
     write_btf(path, BtfStack(measured.values, measured.angles, measured.size_mm, "beech"))
-    with pytest.raises(SimrigError, match="another measurement"):
-        kept(path)
+    refused("another measurement", kept, path)
 
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path: Path) -> None:
     (tmp_path / "folder").write_text("a file")
-    with pytest.raises(SimrigError, match=r"cannot write .*beech"):
-        kept(tmp_path / "folder" / "beech.h5")
+    refused(r"cannot write .*beech", kept, tmp_path / "folder" / "beech.h5")
 
 
 def test_an_interrupted_measurement_goes_on(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simrig.core.errors import SimrigError
+from refusals import refused
 from simrig.files.atomic import atomic_write
 from simrig.files.checkpoint import Checkpoint, checkpoint_of
 
@@ -92,24 +92,21 @@ def test_the_pieces_of_another_job_are_refused_and_stay(
     kept: Checkpoint, job: dict, said: str
 ) -> None:
     kept.put("a", 1)
-    with pytest.raises(SimrigError, match=said):
-        Checkpoint(kept.folder, job)
+    refused(said, Checkpoint, kept.folder, job)
     assert Checkpoint(kept.folder, JOB).get("a") is not None
 
 
 def test_what_is_no_checkpoint_is_refused_and_stays(tmp_path: Path) -> None:
     old = tmp_path / ".m.h5.checkpoint"
     old.write_bytes(b"HDF")
-    with pytest.raises(SimrigError, match=r"simrig 0\.1, which cannot be continued: remove it"):
-        Checkpoint(old, JOB)
+    refused(r"simrig 0\.1, which cannot be continued: remove it", Checkpoint, old, JOB)
     other = tmp_path / "other"
     other.mkdir()
     (other / "thesis.txt").write_text("precious")
     for about in (None, "{}", json.dumps({"format": 99, "job": JOB})):
         if about is not None:
             (other / "about.json").write_text(about)
-        with pytest.raises(SimrigError, match="cannot be continued by this simrig"):
-            Checkpoint(other, JOB)
+        refused("cannot be continued by this simrig", Checkpoint, other, JOB)
     assert (other / "thesis.txt").read_text() == "precious" and old.exists()
 
 

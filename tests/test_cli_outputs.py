@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from refusals import refused
 from simrig.cli.outputs import MARKER, output_file, output_folder
 from simrig.core.errors import SimrigError
 
@@ -38,8 +39,7 @@ def test_an_empty_folder_is_taken_and_results_are_replaced_when_told(tmp_path: P
     target = tmp_path / "out"
     target.mkdir()
     make(target, "first")
-    with pytest.raises(SimrigError, match=r"exists and holds results: .*--overwrite"):
-        make(target, "second")
+    refused(r"exists and holds results: .*--overwrite", make, target, "second")
     assert (target / "pictures" / "a.txt").read_text() == "first"
     make(target, "second", overwrite=True)
     assert (target / "pictures" / "a.txt").read_text() == "second"
@@ -54,8 +54,7 @@ def test_a_link_to_a_folder_stays_and_the_results_stand_behind_it(tmp_path: Path
     for text, overwrite in (("first", False), ("second", True)):
         make(link, text, overwrite)
         assert link.is_symlink() and (scratch / "pictures" / "a.txt").read_text() == text
-        with pytest.raises(SimrigError, match="exists and holds results"):
-            make(link, "refused")
+        refused("exists and holds results", make, link, "refused")
     assert names(scratch) == [MARKER, "pictures", "pictures/a.txt"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "results"]
 
@@ -141,8 +140,7 @@ def test_a_folder_that_holds_other_files_is_refused(tmp_path: Path, ours: bool) 
         make(target, "first")
     target.mkdir(exist_ok=True)
     (target / "thesis.txt").write_text("precious")
-    with pytest.raises(SimrigError, match=r"in use: it holds 'thesis.txt'.*--overwrite"):
-        make(target, "second")
+    refused(r"in use: it holds 'thesis.txt'.*--overwrite", make, target, "second")
     assert (target / "thesis.txt").read_text() == "precious"
     make(target, "third", overwrite=True)
     assert (target / "thesis.txt").read_text() == "precious"
@@ -160,8 +158,7 @@ def test_a_damaged_marker_protects_the_folder(tmp_path: Path) -> None:
     target = tmp_path / "out"
     make(target)
     (target / MARKER).write_text("[1, 2")
-    with pytest.raises(SimrigError, match="in use"):
-        make(target)
+    refused("in use", make, target)
 
 
 def test_a_failure_leaves_what_was_made_and_no_empty_folder(tmp_path: Path) -> None:
@@ -198,8 +195,7 @@ def test_an_interrupted_run_goes_on_for_the_same_request_only(tmp_path: Path) ->
 
 def test_a_file_in_the_way_of_a_folder_is_named(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(SimrigError, match="is a file, an output folder was expected"):
-        make(tmp_path / "out")
+    refused("is a file, an output folder was expected", make, tmp_path / "out")
 
 
 HOLD = """
@@ -220,8 +216,7 @@ def test_an_output_that_a_running_process_writes_is_refused(tmp_path: Path, kind
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
-        with pytest.raises(SimrigError, match="in use by a running simrig"):
-            make(target, overwrite=True)
+        refused("in use by a running simrig", make, target, overwrite=True)
         with (
             pytest.raises(SimrigError, match="in use by a running simrig"),
             output_file(target, True),

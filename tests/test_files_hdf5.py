@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, Ward, evaluate, kurt_material
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import IsotropicTable
@@ -94,24 +95,20 @@ def test_attributes_are_checked(written, key, value, message):
         ):
             hdf5.provenance_of(file)
         return
-    with pytest.raises(SimrigError, match=message):
-        hdf5.read_brdf(written)
+    refused(message, hdf5.read_brdf, written)
 
 
 def test_truncated_file_is_refused(written):
     content = written.read_bytes()
     written.write_bytes(content[: len(content) // 2])
-    with pytest.raises(SimrigError, match="damaged or truncated"):
-        hdf5.read_brdf(written)
+    refused("damaged or truncated", hdf5.read_brdf, written)
 
 
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "notes.h5"
     path.write_text("no HDF5 at all")
-    with pytest.raises(SimrigError, match="not an HDF5 file"):
-        hdf5.read_brdf(path)
-    with pytest.raises(SimrigError, match="there is no file"):
-        hdf5.read_brdf(tmp_path / "missing.h5")
+    refused("not an HDF5 file", hdf5.read_brdf, path)
+    refused("there is no file", hdf5.read_brdf, tmp_path / "missing.h5")
 
 
 @pytest.mark.parametrize("length", [2**20, 2**40])
@@ -119,40 +116,34 @@ def test_claimed_sizes_are_refused_before_reading(written, length):
     with h5py.File(written, "r+") as file:
         del file["data/albedo"]
         file["data"].create_dataset("albedo", (length, 1024), "f8", chunks=(1, 1024))
-    with pytest.raises(SimrigError, match="which its file cannot hold"):
-        hdf5.read_brdf(written)
+    refused("which its file cannot hold", hdf5.read_brdf, written)
 
 
 def test_text_and_links_are_not_arrays(written):
     with h5py.File(written, "r+") as file:
         del file["data/albedo"]
         file["data"]["albedo"] = ["a", "b", "c"]
-    with pytest.raises(SimrigError, match="not a plain numeric array"):
-        hdf5.read_brdf(written)
+    refused("not a plain numeric array", hdf5.read_brdf, written)
     with h5py.File(written, "r+") as file:
         del file["data/albedo"]
         file["data/albedo"] = h5py.ExternalLink("elsewhere.h5", "x")
-    with pytest.raises(SimrigError, match=r"missing|damaged"):
-        hdf5.read_brdf(written)
+    refused(r"missing|damaged", hdf5.read_brdf, written)
 
 
 @pytest.mark.parametrize("value", [np.nan, -1.0, np.inf])
 def test_values_are_checked(written, value):
     with h5py.File(written, "r+") as file:
         file["data/albedo"][1] = value
-    with pytest.raises(SimrigError, match="albedo must be"):
-        hdf5.read_brdf(written)
+    refused("albedo must be", hdf5.read_brdf, written)
 
 
 def test_missing_parts_are_named(written):
     with h5py.File(written, "r+") as file:
         del file["data/albedo"]
-    with pytest.raises(SimrigError, match="do not make a 'lambert'"):
-        hdf5.read_brdf(written)
+    refused("do not make a 'lambert'", hdf5.read_brdf, written)
     with h5py.File(written, "r+") as file:
         del file["data"]
-    with pytest.raises(SimrigError, match="damaged"):
-        hdf5.read_brdf(written)
+    refused("damaged", hdf5.read_brdf, written)
 
 
 def test_array_of_another_shape_is_refused(tmp_path):
@@ -161,8 +152,7 @@ def test_array_of_another_shape_is_refused(tmp_path):
         hdf5.write_array(file, "values", np.zeros((4, 3)))
     with hdf5.open_checked(path, "measurement") as file:
         assert hdf5.read_array(file, "values", (None, 3)).shape == (4, 3)
-        with pytest.raises(SimrigError, match=r"has shape \(4, 3\), expected"):
-            hdf5.read_array(file, "values", (None, 4))
+        refused(r"has shape \(4, 3\), expected", hdf5.read_array, file, "values", (None, 4))
 
 
 def test_failed_writing_leaves_nothing(tmp_path):
@@ -176,8 +166,7 @@ def test_unstorable_brdf_is_refused(tmp_path):
     class Odd(Lambert):
         kind = "odd"
 
-    with pytest.raises(SimrigError, match="no stored form"):
-        hdf5.write_brdf(tmp_path / "odd.h5", Odd())
+    refused("no stored form", hdf5.write_brdf, tmp_path / "odd.h5", Odd())
 
 
 def rename(attributes: h5py.AttributeManager, names: dict[str, str]) -> None:

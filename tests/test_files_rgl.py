@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, Ward, evaluate, kurt_material
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.resample import resampling_error
@@ -282,8 +283,7 @@ def test_inconsistent_materials_are_refused(tmp_path, fields, change, message):
     change(fields)
     path = tmp_path / "bad.bsdf"
     write_tensors(path, fields)
-    with pytest.raises(SimrigError, match=message):
-        read_rgl(path)
+    refused(message, read_rgl, path)
 
 
 def test_spectral_material_becomes_rgb(tmp_path, fields):
@@ -298,8 +298,7 @@ def test_spectral_material_becomes_rgb(tmp_path, fields):
 
 @pytest.mark.parametrize("size", [{"phi": 9}, {"warp": 64}, {"colour": 40}, {"theta": 1}])
 def test_resolution_is_checked(size):
-    with pytest.raises(SimrigError, match="phi even, warp and colour odd"):
-        RglResolution(**size)
+    refused("phi even, warp and colour odd", RglResolution, **size)
 
 
 def test_spectra_without_wavelengths_ask_for_them(tmp_path, fields):
@@ -308,17 +307,14 @@ def test_spectra_without_wavelengths_ask_for_them(tmp_path, fields):
     fields.update(spectra=np.repeat(grey, 31, axis=2))
     path = tmp_path / "spectral.bsdf"
     write_tensors(path, fields)
-    with pytest.raises(SimrigError, match=r"spectra of 31 samples.*--wavelengths FIRST:LAST"):
-        read_rgl(path)
+    refused(r"spectra of 31 samples.*--wavelengths FIRST:LAST", read_rgl, path)
     pair = to_vector(0.3, 1.0), to_vector(0.6, 2.0)
     expected = evaluate(read_rgl(tmp_path / "good.bsdf"), *pair)
     stated = load_material(path, wavelengths="400:700")
     np.testing.assert_allclose(evaluate(stated, *pair), expected, rtol=1e-5)
-    with pytest.raises(SimrigError, match="FIRST:LAST in nm such as 360:1000"):
-        load_material(path, wavelengths="400-700")
+    refused("FIRST:LAST in nm such as 360:1000", load_material, path, wavelengths="400-700")
     write_tensors(path, {**fields, "wavelengths": wavelengths[:-1]})
-    with pytest.raises(SimrigError, match="30 wavelengths for spectra of 31 samples"):
-        read_rgl(path)
+    refused("30 wavelengths for spectra of 31 samples", read_rgl, path)
 
 
 def test_double_precision_and_whole_numbers_are_read(tmp_path, fields):

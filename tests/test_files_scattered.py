@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Ward, evaluate
 from simrig.brdf.tables.scattered import (
     IsotropicInterpolator,
@@ -52,8 +53,7 @@ def test_spectra_agree_with_colour_science():
     [([500.0], "must increase"), ([500.0, 400.0], "must increase"), ([0.4, 0.7], "do not cover")],
 )
 def test_bad_wavelengths_are_refused(wavelengths, message):
-    with pytest.raises(SimrigError, match=message):
-        rgb_weights(np.array(wavelengths))
+    refused(message, rgb_weights, np.array(wavelengths))
 
 
 def ward_samples(rng: np.random.Generator, count: int = 600) -> tuple[Ward, ScatteredSamples]:
@@ -116,8 +116,7 @@ def test_leaving_out_incidences_needs_some(rng):
 
 def test_too_few_samples_are_refused(rng):
     _, samples = ward_samples(rng, 2)
-    with pytest.raises(SimrigError, match="too few different directions"):
-        IsotropicInterpolator(samples)
+    refused("too few different directions", IsotropicInterpolator, samples)
 
 
 @pytest.mark.parametrize(
@@ -133,8 +132,7 @@ def test_samples_are_checked(change, message):
     arrays = {name: np.full(2, 0.3) for name in ("theta_i", "phi_i", "theta_v", "phi_v")}
     arrays["values"] = np.ones((2, 3))
     change(arrays)
-    with pytest.raises(SimrigError, match=message):
-        ScatteredSamples(**arrays)
+    refused(message, ScatteredSamples, **arrays)
 
 
 def cornell_text(rows: list[str], wavelengths: str = "400 500\n600 700", count: int = 4) -> str:
@@ -166,8 +164,7 @@ def test_cornell_rows_are_read(tmp_path):
 def test_cornell_refuses_damage(tmp_path, text, message):
     path = tmp_path / "bad.brdf"
     path.write_text(text)
-    with pytest.raises(SimrigError, match=message):
-        read_cornell(path)
+    refused(message, read_cornell, path)
 
 
 def test_measured_paint_is_interpolated(shared_data):
@@ -228,8 +225,7 @@ def test_alta_parameterisations_agree(tmp_path, name, row):
 def test_alta_refuses_damage(tmp_path, text, message):
     path = tmp_path / "bad.dat"
     path.write_text(text)
-    with pytest.raises(SimrigError, match=message):
-        read_alta(path)
+    refused(message, read_alta, path)
 
 
 def test_measured_tape_returns_light_to_its_source(shared_data):
@@ -265,8 +261,7 @@ def test_barycentric_weights_do_not_extrapolate():
     weights = barycentric_weights(nodes, to_vector(np.full(3, 1.5), np.array([0.0, 0.3, 2.0])))
     assert weights.min() >= 0.0
     assert np.all(weights[:, :7] == 0.0)  # only the outermost ring takes part
-    with pytest.raises(SimrigError, match="surround the normal"):
-        barycentric_weights(nodes[7:13], nodes)
+    refused("surround the normal", barycentric_weights, nodes[7:13], nodes)
 
 
 def write_ubo(path, **changes) -> None:
@@ -323,8 +318,7 @@ def test_measured_carpet_is_exact_where_nodes_coincide(shared_data):
 )
 def test_ubo_refuses_bad_arrays(tmp_path, changes, message):
     write_ubo(tmp_path / "bad.npz", **changes)
-    with pytest.raises(SimrigError, match=message):
-        read_ubo(tmp_path / "bad.npz")
+    refused(message, read_ubo, tmp_path / "bad.npz")
 
 
 def test_ubo_refuses_damaged_archives(tmp_path):
@@ -332,11 +326,9 @@ def test_ubo_refuses_damaged_archives(tmp_path):
     write_ubo(path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    with pytest.raises(SimrigError, match="no zip archive"):
-        read_ubo(path)
+    refused("no zip archive", read_ubo, path)
     path.write_bytes(content[:900] + b"\xff" * 64 + content[964:])
-    with pytest.raises(SimrigError, match=r"damaged|claims"):
-        read_ubo(path)
+    refused(r"damaged|claims", read_ubo, path)
 
 
 def test_ubo_refuses_a_header_larger_than_its_data(tmp_path):
@@ -351,5 +343,4 @@ def test_ubo_refuses_a_header_larger_than_its_data(tmp_path):
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in members.items():
             archive.writestr(name, content)
-    with pytest.raises(SimrigError, match="claims more than the file holds"):
-        read_ubo(path)
+    refused("claims more than the file holds", read_ubo, path)

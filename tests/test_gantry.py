@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, evaluate, kurt_material
 from simrig.brdf.tables.dense import DenseTable
-from simrig.core.errors import SimrigError
 from simrig.plans.gantry import GantryPlan, gantry_plan
 from simrig.plans.slices import AXIAL
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
@@ -88,8 +88,7 @@ def test_plan_for_the_published_budgets_is_the_published_plan():
     ],
 )
 def test_impossible_plans_are_refused(make, message):
-    with pytest.raises(SimrigError, match=message):
-        make()
+    refused(message, make)
 
 
 def test_published_times():
@@ -122,19 +121,16 @@ def test_damaged_measurement_is_refused(tmp_path):
     Gantry().measure(Lambert()).save(path)
     with h5py.File(path, "r+") as file:
         file["values"][0, 0] = -1.0
-    with pytest.raises(SimrigError, match="negative"):
-        Measurement.load(path)
+    refused("negative", Measurement.load, path)
     with h5py.File(path, "r+") as file:
         file["values"][0, 0] = 1.0
         file["angles"][3, 2] += 0.1
-    with pytest.raises(SimrigError, match="not those of its plan"):
-        Measurement.load(path)
+    refused("not those of its plan", Measurement.load, path)
 
 
 def test_thetas_beyond_the_data_are_refused():
     table = DenseTable(np.ones((2, 2, 4, 4, 3)), np.radians(60.0))
-    with pytest.raises(SimrigError, match="up to theta = 60 degrees"):
-        Gantry().measure(table)
+    refused("up to theta = 60 degrees", Gantry().measure, table)
 
 
 # --- subspaces -----------------------------------------------------------------------------------
@@ -223,10 +219,8 @@ def test_more_slices_come_closer():
     ],
 )
 def test_impossible_combinations_are_refused(plan, combination, message):
-    with pytest.raises(SimrigError, match=message):
-        subspaces(plan, np.ones((plan.samples, 3)), 24, combination)
+    refused(message, subspaces, plan, np.ones((plan.samples, 3)), 24, combination)
 
 
 def test_wrong_number_of_values_is_refused():
-    with pytest.raises(SimrigError, match="168 samples"):
-        subspaces(GantryPlan(), np.ones((7, 3)), 24)
+    refused("168 samples", subspaces, GantryPlan(), np.ones((7, 3)), 24)

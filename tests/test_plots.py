@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from refusals import refused
 from simrig.core.cost import Cost
-from simrig.core.errors import SimrigError
 from simrig.viewing.plots import COST_AXES, CostPoint, accuracy_versus_cost, pareto_front
 
 
@@ -22,8 +21,7 @@ def test_pareto_front_of_equal_and_missing_results():
     np.testing.assert_array_equal(pareto_front([2.0, 1.0, 1.0], [1.0, 3.0, 3.0]), [1, 0])
     np.testing.assert_array_equal(pareto_front([1.0, np.nan, 2.0], [np.nan, 0.0, 5.0]), [2])
     assert pareto_front([], []).size == 0
-    with pytest.raises(SimrigError, match="2 costs do not fit 1 errors"):
-        pareto_front([1.0, 2.0], [1.0])
+    refused("2 costs do not fit 1 errors", pareto_front, [1.0, 2.0], [1.0])
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=25))
@@ -68,5 +66,4 @@ def test_panels_without_a_cost_are_left_out():
 
 def test_nothing_to_plot():
     nothing = [CostPoint("slices", Cost(samples=10), 0.0), CostPoint("slices", Cost(), 1.0)]
-    with pytest.raises(SimrigError, match="nothing to plot"):
-        accuracy_versus_cost(nothing, "MRE [%]")
+    refused("nothing to plot", accuracy_versus_cost, nothing, "MRE [%]")

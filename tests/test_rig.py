@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert
 from simrig.core.errors import SimrigError
 from simrig.plans.along_slices import SlicePlan
@@ -131,8 +132,7 @@ def test_checkpoint_of_another_measurement_is_refused(tmp_path: Path, measured):
             measured(**({"samples": 2000} | change), checkpoint=checkpoint)
     shutil.rmtree(checkpoint)
     checkpoint.write_bytes(b"a checkpoint of version 0.1 was a file")
-    with pytest.raises(SimrigError, match="cannot be continued: remove it"):
-        measured(samples=2000, checkpoint=checkpoint)
+    refused("cannot be continued: remove it", measured, samples=2000, checkpoint=checkpoint)
 
 
 def test_measurement_survives_saving(tmp_path: Path, measured):
@@ -176,13 +176,11 @@ def test_damaged_measurements_are_refused(tmp_path: Path, change, message, measu
     measured(samples=700).save(path)
     with h5py.File(path, "r+") as file:
         change(file)
-    with pytest.raises(SimrigError, match=message):
-        Measurement.load(path)
+    refused(message, Measurement.load, path)
 
 
 def test_truncated_measurement_is_refused(tmp_path: Path, measured):
     path = tmp_path / "m.h5"
     measured(samples=700).save(path)
     path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(SimrigError, match="damaged"):
-        Measurement.load(path)
+    refused("damaged", Measurement.load, path)

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps, chessboard
-from simrig.core.errors import SimrigError
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.room_switch.study import STUDY, table
 from simrig.files.btf.hdf5 import write_btf
@@ -111,8 +111,7 @@ def test_distances_are_predicted_from_the_images_at_hand() -> None:
 
 
 def test_a_board_with_few_images_has_no_predicted_distance(materials) -> None:
-    with pytest.raises(SimrigError, match=r"no image within 10° .* distances of the groups"):
-        distances_mm("predicted", materials)
+    refused(r"no image within 10° .* distances of the groups", distances_mm, "predicted", materials)
 
 
 @pytest.mark.parametrize(
@@ -127,8 +126,7 @@ def test_what_cannot_be_used_is_refused_before_anything_is_measured(
     angles = np.array([[0.2 * i, 0.2 * v, i, v] for i in range(3) for v in range(3)])[:7]
     values = np.zeros((7, *board.values.shape[1:]), dtype=np.float16)
     write_btf("lacking.h5", BtfStack(values, angles, board.size_mm))
-    with pytest.raises(SimrigError, match=message):
-        room_materials({"walls": bad})
+    refused(message, room_materials, {"walls": bad})
 
 
 @pytest.fixture(scope="module")
@@ -188,5 +186,4 @@ def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
     ],
 )
 def test_bad_arguments_are_refused_in_one_line(make, message: str) -> None:
-    with pytest.raises(SimrigError, match=message):
-        make()
+    refused(message, make)

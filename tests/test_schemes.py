@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simrig.core.errors import SimrigError
+from refusals import refused
 from simrig.directions import SCHEMES, HemisphereScheme, scheme, to_vector, uniform_scheme
 
 # thesis Table D.2: polar angle and azimuth step in degrees of each ring, and number of directions
@@ -112,13 +112,11 @@ def test_schemes_are_read_only():
 
 @pytest.mark.parametrize("index", [0, 31, -1])
 def test_uniform_index_out_of_range(index):
-    with pytest.raises(SimrigError, match="numbered 1 to 30"):
-        uniform_scheme(index)
+    refused("numbered 1 to 30", uniform_scheme, index)
 
 
 def test_unknown_scheme_names_the_nearest():
-    with pytest.raises(SimrigError, match="did you mean 'hemisphere_81'"):
-        scheme("hemispher_81")
+    refused("did you mean 'hemisphere_81'", scheme, "hemispher_81")
 
 
 @pytest.mark.parametrize(
@@ -134,8 +132,7 @@ def test_unknown_scheme_names_the_nearest():
     ],
 )
 def test_bad_schemes_are_refused(theta, phi, message):
-    with pytest.raises(SimrigError, match=message):
-        HemisphereScheme("own", np.array(theta), np.array(phi))
+    refused(message, HemisphereScheme, "own", np.array(theta), np.array(phi))
 
 
 def test_scheme_keeps_its_own_copy():

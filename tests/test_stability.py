@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.core.arrays import components, namespace
-from simrig.core.errors import SimrigError
 from simrig.directions import to_angles
 from simrig.evaluation.stability.hard_cases import (
     BRDF_VALUES,
@@ -116,8 +116,7 @@ def test_values_of_any_size_keep_their_precision(value):
 
 
 def test_unknown_precision_is_refused():
-    with pytest.raises(SimrigError, match="did you mean 'drjit-float32'"):
-        stability_table([], [], precisions=["drjit-float3"])
+    refused("did you mean 'drjit-float32'", stability_table, [], [], precisions=["drjit-float3"])
 
 
 def test_json_and_markdown_hold_the_rows():
@@ -163,5 +162,4 @@ def test_cases_are_as_hard_as_they_say():
 
 
 def test_unknown_case_is_refused():
-    with pytest.raises(SimrigError, match="did you mean 'mirror'"):
-        hard_case("mirrors")
+    refused("did you mean 'mirror'", hard_case, "mirrors")

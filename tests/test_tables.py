@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, Ward, evaluate, kurt_material
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import IsotropicTable, bin_directions, fill_invalid
@@ -17,7 +18,6 @@ from simrig.brdf.tables.resample import (
     resampling_error,
 )
 from simrig.core import backend
-from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 
 STEP = np.radians(15.0)
@@ -196,17 +196,13 @@ def test_dense_gives_black_for_nan_directions(rng):
 )
 def test_dense_refuses_bad_values(rng, change, message):
     values = rng.uniform(0.1, 1.0, (3, 3, 4, 4, 3))
-    with pytest.raises(SimrigError, match=message):
-        DenseTable(change(values), STEP)
+    refused(message, DenseTable, change(values), STEP)
 
 
 def test_dense_refuses_thetas_that_do_not_fit(rng):
-    with pytest.raises(SimrigError, match="cannot end at"):
-        DenseTable(np.ones((8, 8, 4, 4, 3)), STEP)
-    with pytest.raises(SimrigError, match="cannot end at"):
-        DenseTable(np.ones((3, 3, 4, 4, 3)), STEP, np.radians(10.0))
-    with pytest.raises(SimrigError, match="did you mean 'fade'"):
-        DenseTable(np.ones((3, 3, 4, 4, 3)), STEP, beyond="fading")
+    refused("cannot end at", DenseTable, np.ones((8, 8, 4, 4, 3)), STEP)
+    refused("cannot end at", DenseTable, np.ones((3, 3, 4, 4, 3)), STEP, np.radians(10.0))
+    refused("did you mean 'fade'", DenseTable, np.ones((3, 3, 4, 4, 3)), STEP, beyond="fading")
 
 
 def test_dense_is_rebuilt_from_its_parts(rng):
@@ -291,8 +287,7 @@ def test_fill_invalid_takes_the_nearest_across_the_seam():
     filled = fill_invalid(values, valid)
     assert filled[0, 0, 7, 0] == values[0, 0, 0, 0]
     assert filled[0, 0, 5, 0] == values[0, 0, 4, 0]
-    with pytest.raises(SimrigError, match="no valid value"):
-        fill_invalid(values, np.zeros_like(valid))
+    refused("no valid value", fill_invalid, values, np.zeros_like(valid))
 
 
 def test_resampling_error_shrinks_with_the_step():

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert
 from simrig.btf.synthetic import grid_angles
-from simrig.core.errors import SimrigError
 from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
@@ -127,8 +127,7 @@ def test_a_table_needs_no_library(monkeypatch):
     settings = {"theta_step_deg": 15.0, "azimuths": 12}
     table = reconstruct_gantry(measurement, "gantry-bd", transport="circle", **settings).brdf
     np.testing.assert_allclose(table.values[..., 1] * np.pi, 0.5, rtol=1e-6)
-    with pytest.raises(SimrigError, match="needs POT"):
-        texel_method(PLAN, "gantry-bd", ANGLES, "rows")
+    refused("needs POT", texel_method, PLAN, "gantry-bd", ANGLES, "rows")
 
 
 def textured(plan, rng, texels=40):
@@ -153,8 +152,7 @@ def test_texels_do_not_touch_each_other(rng):
 
 def test_a_slice_with_one_bright_sample_stays_within_bounds(rng):
     """All but one sample of one slice of a texel are black; a plan with one sample is refused."""
-    with pytest.raises(SimrigError, match="samples per slice: a whole number from 4"):
-        GantryPlan(slice_samples=1)
+    refused("samples per slice: a whole number from 4", GantryPlan, slice_samples=1)
     values = np.full((PLAN.samples, 2, 3), 0.2)
     first = PLAN.knots().first
     values[first[6] : first[7], 1] = 0.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, Ward, evaluate, kurt_material
 from simrig.brdf.kriging.displayed import displayed_pairs
-from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.methods import METHODS
 from simrig.plans.visible_normals import SIZES, TableSizes, VisibleNormalsPlan
@@ -67,12 +67,8 @@ def test_values_at_nodes_come_back():
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(SimrigError, match="too few"):
-        VisibleNormalsPlan(50)
-    with pytest.raises(SimrigError, match="how its tables lie"):
-        TableSizes.from_array(np.array([1, 2]))
-    with pytest.raises(SimrigError, match="cannot be"):
-        TableSizes.from_array(np.array([1, 1, 2, 9, 3, 5, 9]))
+    refused("too few", VisibleNormalsPlan, 50)
+    refused("how its tables lie", TableSizes.from_array, np.array([1, 2]))
+    refused("cannot be", TableSizes.from_array, np.array([1, 1, 2, 9, 3, 5, 9]))
     scan = Gonioreflectometer().measure(Lambert(), METHODS["auto"].plan(Lambert(), 30))
-    with pytest.raises(SimrigError, match="visible-normals"):
-        METHODS["visible-normals"].reconstruct(scan)
+    refused("visible-normals", METHODS["visible-normals"].reconstruct, scan)

@@ -184,7 +184,6 @@ def _cell(
     def maker(name: str) -> Callable[[], Callable[[], None]]:
         def loaded() -> Callable[[], None]:
             scene = contest.loaders[name]()
-
             return rendering(
                 scene, pictures, name, contest.spp, **_settings(contest, scene, described)
             )
