@@ -50,30 +50,43 @@ def camera(
     Raises:
         SimrigError: no whole numbers of pixels, or no variant is set.
     """
-    if width != int(width) or height != int(height) or min(width, height) < 1:
-        raise SimrigError(f"a picture needs whole numbers of pixels >= 1, got {width} x {height}")
     x, y = centre
     to_world = transform().look_at(
         origin=[x, y, _CAMERA_DISTANCE], target=[x, y, 0.0], up=[0.0, 1.0, 0.0]
     ) @ transform().scale([half_width, half_width, 1.0])
-    sampler: dict[str, Any] = {"type": "independent", "sample_count": 16}
-    if pixel_centres:
-        sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     return {
         "type": "orthographic",
         "near_clip": 1.0,
         "far_clip": 2.0 * _CAMERA_DISTANCE,
         "to_world": to_world,
-        "film": {
-            "type": "hdrfilm",
-            "width": width,
-            "height": height,
-            "pixel_format": "rgb",
-            "component_format": "float32",
-            "rfilter": {"type": "box"},  # a pixel is the mean of its own samples, nothing else
-        },
-        "sampler": sampler,
+        "film": film(width, height),
+        "sampler": sampler(pixel_centres),
     }
+
+
+def film(width: int, height: int) -> dict[str, Any]:
+    """Return a float32 RGB film; a pixel is the mean of its own samples, nothing else.
+
+    Raises:
+        SimrigError: no whole numbers of pixels.
+    """
+    if width != int(width) or height != int(height) or min(width, height) < 1:
+        raise SimrigError(f"a picture needs whole numbers of pixels >= 1, got {width} x {height}")
+    return {
+        "type": "hdrfilm",
+        "width": int(width),
+        "height": int(height),
+        "pixel_format": "rgb",
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
+    }
+
+
+def sampler(pixel_centres: bool, samples: int = 16) -> dict[str, Any]:
+    """Return what looks through random places of a pixel, or once through its centre."""
+    if pixel_centres:
+        return {"type": "stratified", "sample_count": 1, "jitter": False}
+    return {"type": "independent", "sample_count": samples}
 
 
 def lamp(position: Sequence[float] | np.ndarray, distance: float) -> dict:

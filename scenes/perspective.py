@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.errors import SimrigError
-from simrig.scenes.parts import transform
+from simrig.scenes.parts import film, sampler, transform
 
 SENSOR_HEIGHT_MM = 24.0
 FOCAL_LENGTH_MM = 45.0
@@ -44,12 +43,6 @@ def perspective_camera(
     Raises:
         SimrigError: a size that is not whole and positive, or no variant is set.
     """
-    width, height = size
-    if width != int(width) or height != int(height) or min(size) < 1:
-        raise SimrigError(f"a picture needs whole numbers of pixels >= 1, got {width} x {height}")
-    sampler: dict[str, Any] = {"type": "independent", "sample_count": 16}
-    if pixel_centres:
-        sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     return {
         "type": "perspective",
         "fov": float(np.degrees(2.0 * np.arctan(0.5 * SENSOR_HEIGHT_MM / focal_length_mm))),
@@ -59,13 +52,6 @@ def perspective_camera(
         "to_world": transform().look_at(
             origin=list(origin), target=list(target), up=[0.0, 1.0, 0.0]
         ),
-        "film": {
-            "type": "hdrfilm",
-            "width": int(width),
-            "height": int(height),
-            "pixel_format": "rgb",
-            "component_format": "float32",
-            "rfilter": {"type": "box"},
-        },
-        "sampler": sampler,
+        "film": film(*size),
+        "sampler": sampler(pixel_centres),
     }

@@ -8,7 +8,7 @@ import numpy as np
 
 from simrig.core.errors import SimrigError
 from simrig.scenes.meshes import mesh
-from simrig.scenes.parts import transform
+from simrig.scenes.parts import film, sampler, transform
 
 if TYPE_CHECKING:
     from simrig.mesostructure.tile import Part, Tile
@@ -144,15 +144,8 @@ def tile_scene(
             origin=list(centre + distance * view), target=list(centre), up=[0.0, 1.0, 0.0]
         )
         @ transform().scale([0.5 * width, 0.5 * width, 1.0]),
-        "film": {
-            "type": "hdrfilm",
-            "width": resolution,
-            "height": resolution,
-            "pixel_format": "rgb",
-            "component_format": "float32",
-            "rfilter": {"type": "box"},
-        },
-        "sampler": {"type": "independent", "sample_count": 64},
+        "film": film(resolution, resolution),
+        "sampler": sampler(False, 64),
     }
     scene["integrator"] = {"type": "path", "max_depth": max_depth}
     return scene

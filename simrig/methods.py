@@ -216,24 +216,14 @@ def _from_slices(
     return Reconstructed(made, made.stored_bytes)
 
 
-def _barycentric(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
-    made = reconstruct_barycentric(measurement)
-    return Reconstructed(made, made.stored_bytes)
+def _from_any(how: Callable[..., Any]) -> Callable[..., Reconstructed]:
+    """Return a reconstruction without options as methods take it."""
 
+    def make(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
+        made = how(measurement)
+        return made if isinstance(made, Reconstructed) else Reconstructed(made, made.stored_bytes)
 
-def _kriging(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
-    return reconstruct_kriging(measurement)
-
-
-def _visible_normals(
-    measurement: Measurement, *, progress: Progress | None = None
-) -> Reconstructed:
-    return reconstruct_visible_normals(measurement)
-
-
-def _regular_grid(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
-    table = reconstruct_regular_grid(measurement)
-    return Reconstructed(table, table.values.nbytes)
+    return make
 
 
 def _rbf(
@@ -255,7 +245,7 @@ def _rbf(
         progress=progress,
     )
     notes = (*made.notes, f"tabulated every {step_deg:g}°")
-    return Reconstructed(table, table.values.nbytes, notes)
+    return Reconstructed(table, table.stored_bytes, notes)
 
 
 def _from_gantry(
@@ -273,7 +263,7 @@ def _from_gantry(
         azimuths=_azimuths(step_deg),
         interpolation=interpolation,
     )
-    return Reconstructed(made.brdf, made.brdf.values.nbytes, made.notes)
+    return Reconstructed(made.brdf, made.brdf.stored_bytes, made.notes)
 
 
 def _azimuths(step_deg: float) -> int:
@@ -319,12 +309,7 @@ _ALONG_SLICES = (
 )
 _BY_RBF = (
     ("rbf-global", "uniform scheme, one radial basis function per sample (5.5.2)", None, False),
-    (
-        "rbf-local",
-        "uniform scheme, radial basis functions of the nearest samples",
-        NEIGHBOURS,
-        False,
-    ),
+    ("rbf-local", "uniform scheme, splines of the nearest samples", NEIGHBOURS, False),
     ("rbf-global-log", "as rbf-global, of the logarithms of the values", None, True),
     ("rbf-local-log", "as rbf-local, of the logarithms of the values", NEIGHBOURS, True),
 )
@@ -337,7 +322,7 @@ _ALL = (
     Method(
         "auto",
         "looks first, measures where it shows, kriging of logarithms",
-        _kriging,
+        _from_any(reconstruct_kriging),
         "auto",
         least_samples=LEAST_SAMPLES,
         any_plan=True,
@@ -345,7 +330,7 @@ _ALL = (
     Method(
         "visible-normals",
         "retro-reflection, then a grid of visible normals [DJ18]",
-        _visible_normals,
+        _from_any(reconstruct_visible_normals),
         "visible-normals",
         least_samples=LEAST_OF_GRIDS,
     ),
@@ -364,7 +349,7 @@ _ALL = (
     Method(
         _ANY_DIRECTIONS,
         "uniform scheme, barycentric interpolation (5.5.2)",
-        _barycentric,
+        _from_any(reconstruct_barycentric),
         "uniform",
         least_samples=435,
         plan_options=_ONCE,
@@ -387,7 +372,7 @@ _ALL = (
     Method(
         "regular-grid",
         "regular grid, multilinear interpolation",
-        _regular_grid,
+        _from_any(reconstruct_regular_grid),
         "regular-grid",
         least_samples=10,
         plan_options=_ONCE,

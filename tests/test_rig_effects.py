@@ -184,8 +184,8 @@ def test_everything_and_unknown_names():
     about = (Lambert(), SlicePlan.for_material(samples=700), Tolerance("relative", 10.0))
     assert rig.planned(*about, Overrides(everything=True)).effects == RIG_EFFECT_NAMES
     assert rig.planned(*about).effects == ()
-    refused("did you mean 'noise'", rig.planned, *about, Overrides(enable=("nois")))
-    refused("did you mean 'noise'", Gonioreflectometer, effects=("nois"))
+    refused("did you mean 'noise'", rig.planned, *about, Overrides(enable=("nois",)))
+    refused("did you mean 'noise'", Gonioreflectometer, effects=("nois",))
 
 
 @pytest.mark.parametrize(

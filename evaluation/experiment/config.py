@@ -5,7 +5,6 @@ Every section of the file is a frozen dataclass. ``docs/experiments.md`` documen
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -31,12 +30,12 @@ from simrig.evaluation.experiment.schema import (
     text,
 )
 from simrig.files.atomic import existing_file
+from simrig.files.text import read_toml
 from simrig.plans.slices import SLICE_TYPES
 from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
 from simrig.rendering.environment import BUILTIN
 from simrig.scenes import SCENES
 
-_LARGEST_FILE = 1 << 20  # bytes; an experiment is a page of text
 NO_EFFECTS = "none"  # an ideal rig
 BOTH_SLICE_TYPES = "both"  # measure with each of them, to compare
 SMALLEST_PICTURE = 11  # pixels; the window of SSIM
@@ -237,15 +236,9 @@ class Experiment(Section):
             SimrigError: no such file, no TOML, an unknown key, a value of the wrong type or out
                 of range, a material or scene that does not exist.
         """
-        path = existing_file(path)
-        if path.stat().st_size > _LARGEST_FILE:
-            raise SimrigError(f"'{path}' is too large for an experiment ({_LARGEST_FILE} bytes)")
+        table = read_toml(path, "an experiment")
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise SimrigError(f"'{path}' is no valid TOML: {error}") from error
-        try:
-            return cls.from_table(table)._found_beside(path.absolute().parent)
+            return cls.from_table(table)._found_beside(Path(path).absolute().parent)
         except SimrigError as error:
             raise SimrigError(f"'{path}': {error}") from error
 

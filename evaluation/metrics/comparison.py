@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -38,8 +38,39 @@ class ComparisonMaps:
     difference: np.ndarray
 
 
+class Compared(Shown):
+    """Numbers by the names of metrics, as comparisons of pictures and of BRDFs hold them."""
+
+    meanings: ClassVar[Mapping[str, Metric]]
+
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers by name."""
+        return {name: getattr(self, name) for name in self.meanings}
+
+    def facts(self) -> dict[str, str]:
+        """Return the numbers with their units, by label."""
+        return {
+            metric.label: f"{_number(getattr(self, name))} {metric.unit}".rstrip()
+            for name, metric in self.meanings.items()
+        }
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return the numbers, in the order of the metrics."""
+        return np.array([*self.numbers().values()], dtype=dtype or np.float64)
+
+    @property
+    def counted(self) -> str:
+        """What the numbers are over, in words."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        """Return the numbers in one line."""
+        line = ", ".join(f"{label} {text}" for label, text in self.facts().items())
+        return f"{line} ({self.counted})"
+
+
 @dataclass(frozen=True)
-class Comparison(Shown):
+class Comparison(Compared):
     """Two images compared; ``IMAGE_METRICS`` says what the numbers mean.
 
     PSNR and log-PSNR are infinite for identical images.
@@ -53,6 +84,8 @@ class Comparison(Shown):
         maps: the same per pixel.
         made: what was done to the values of each picture, by name, one line each.
     """
+
+    meanings: ClassVar[Mapping[str, Metric]] = IMAGE_METRICS
 
     delta_e: float
     delta_e_2000: float
@@ -72,37 +105,30 @@ class Comparison(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for JSON; an infinite PSNR (identical images) becomes None."""
-        numbers = {name: finite(getattr(self, name)) for name in IMAGE_METRICS}
-        settings: dict[str, Any] = {
+        return {name: finite(value) for name, value in self.numbers().items()} | {
             "exposure": self.exposure,
             "pixels": self.pixels,
             "negative_pixels": {"reference": self.negative[0], "image": self.negative[1]},
             "difference_scale": self.difference_scale,
         }
-        return numbers | settings
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        """Return the numbers, in the order of ``IMAGE_METRICS``."""
-        return _numbers(self, IMAGE_METRICS, dtype)
-
-    def __str__(self) -> str:
-        """Return the numbers in one line."""
-        return f"{_line(self, IMAGE_METRICS)} ({self.pixels:,} pixels)"
+    @property
+    def counted(self) -> str:
+        """How many pixels count."""
+        return f"{self.pixels:,} pixels"
 
     def exhibit(self) -> Exhibit:
         """Return the numbers and the difference image."""
-        difference = f"255 − {self.difference_scale:g}·|I1 − I2|, white where they agree"
-        facts = _facts(self, IMAGE_METRICS) | {
-            "counted": f"{self.pixels:,} pixels, exposure {self.exposure:g}",
-            "picture": difference,
+        facts = self.facts() | {
+            "counted": f"{self.counted}, exposure {self.exposure:g}",
+            "picture": f"255 − {self.difference_scale:g}·|I1 − I2|, white where they agree",
         }
         return Exhibit("Comparison of two pictures", facts, self.maps.difference)
 
     def table(self, title: str = "Image comparison") -> Any:
         """Return the numbers as a table for the terminal."""
-        values = {name: getattr(self, name) for name in IMAGE_METRICS}
-        caption = f"{self.pixels:,} pixels, exposure {self.exposure:g}"
-        table = metric_table({"value": values}, IMAGE_METRICS, title, caption)
+        caption = f"{self.counted}, exposure {self.exposure:g}"
+        table = metric_table({"value": self.numbers()}, IMAGE_METRICS, title, caption)
         if any(self.negative):
             count = " / ".join(f"{n:,}" for n in self.negative)
             about = "in the reference / the image; their negative channels count as 0"
@@ -111,7 +137,7 @@ class Comparison(Shown):
 
 
 @dataclass(frozen=True)
-class BrdfComparison(Shown):
+class BrdfComparison(Compared):
     """Two BRDFs compared; ``BRDF_METRICS`` says what the numbers mean.
 
     Attributes:
@@ -127,6 +153,8 @@ class BrdfComparison(Shown):
         compared: what was compared, where both are BRDFs.
     """
 
+    meanings: ClassVar[Mapping[str, Metric]] = BRDF_METRICS
+
     delta_e: float
     log_error: float
     median_relative_error: float
@@ -139,29 +167,21 @@ class BrdfComparison(Shown):
 
     def to_dict(self) -> dict[str, float | int | None]:
         """Return the numbers for JSON; what is infinite or NaN becomes None."""
-        numbers = {name: finite(getattr(self, name)) for name in BRDF_METRICS}
-        settings = {
+        return {name: finite(value) for name, value in self.numbers().items()} | {
             "step_deg": self.grid.step_deg,
             "theta_max_deg": self.grid.theta_max_deg,
             "excluded": self.relative_error.excluded,
         }
-        return numbers | settings
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        """Return the numbers, in the order of ``BRDF_METRICS``."""
-        return _numbers(self, BRDF_METRICS, dtype)
-
-    def __str__(self) -> str:
-        """Return the numbers in one line."""
-        grid = f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°"
-        return f"{_line(self, BRDF_METRICS)} ({grid})"
+    @property
+    def counted(self) -> str:
+        """How many pairs of directions count."""
+        return f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°"
 
     def exhibit(self) -> Exhibit:
         """Return the numbers and both BRDFs side by side, with the exposure of the first."""
-        facts = _facts(self, BRDF_METRICS) | {
-            "counted": f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°, "
-            f"polar angles to {self.grid.theta_max_deg:g}°"
-        }
+        counted = f"{self.counted}, polar angles to {self.grid.theta_max_deg:g}°"
+        facts = self.facts() | {"counted": counted}
         if self.compared is None:
             return Exhibit("Comparison of two materials", facts)
         truth, other = self.compared
@@ -171,30 +191,10 @@ class BrdfComparison(Shown):
 
     def table(self, title: str = "BRDF comparison") -> Any:
         """Return the numbers as a table for the terminal."""
-        values = {name: getattr(self, name) for name in BRDF_METRICS}
-        caption = (
-            f"{self.grid.directions:,} direction pairs, step {self.grid.step_deg:g}°, "
-            f"polar angles to {self.grid.theta_max_deg:g}°"
-        )
+        caption = f"{self.counted}, polar angles to {self.grid.theta_max_deg:g}°"
         if self.relative_error.excluded:
             caption += f"; MRE without {self.relative_error.excluded:,} values of zero truth"
-        return metric_table({"value": values}, BRDF_METRICS, title, caption)
-
-
-def _numbers(compared: Any, meanings: Mapping[str, Metric], dtype: Any) -> np.ndarray:
-    return np.array([getattr(compared, name) for name in meanings], dtype=dtype or np.float64)
-
-
-def _facts(compared: Any, meanings: Mapping[str, Metric]) -> dict[str, str]:
-    """Return the numbers with their units, by label."""
-    return {
-        metric.label: f"{_number(getattr(compared, name))} {metric.unit}".rstrip()
-        for name, metric in meanings.items()
-    }
-
-
-def _line(compared: Any, meanings: Mapping[str, Metric]) -> str:
-    return ", ".join(f"{label} {text}" for label, text in _facts(compared, meanings).items())
+        return metric_table({"value": self.numbers()}, BRDF_METRICS, title, caption)
 
 
 def finite(value: float) -> float | None:

@@ -64,6 +64,11 @@ class Brdf(Shown, ABC):
         """Return the plain values that reconstruct it together with ``data()``."""
         return {}
 
+    @property
+    def stored_bytes(self) -> int:
+        """Size of ``data()`` in bytes."""
+        return sum(array.nbytes for array in self.data().values())
+
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str

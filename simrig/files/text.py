@@ -1,10 +1,12 @@
-"""What readers of text files share: lines of a limited size, rows of numbers, refusals."""
+"""What readers of text files share: files of a limited size, TOML, rows of numbers, refusals."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from simrig.core.errors import SimrigError
 from simrig.files.atomic import existing_file
 
 _LARGEST_FILE = 1 << 28  # bytes
+_LARGEST_TOML = 1 << 20  # bytes; what people write is a page of text
 _ROWS = 1 << 16  # that are converted at once
 
 
@@ -26,6 +29,25 @@ def read_text(path: str | Path, kind: str, encoding: str = "utf-8") -> str:
     if path.stat().st_size > _LARGEST_FILE:
         raise SimrigError(f"{kind} file '{path}' is too large to be one")
     return path.read_text(encoding=encoding, errors="replace")
+
+
+def read_toml(path: str | Path, kind: str) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Args:
+        path: the file.
+        kind: what it should be, such as "an instrument", for messages.
+
+    Raises:
+        SimrigError: no such file, one that is too large, or no TOML.
+    """
+    path = existing_file(path)
+    if path.stat().st_size > _LARGEST_TOML:
+        raise SimrigError(f"'{path}' is too large for {kind} ({_LARGEST_TOML} bytes)")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise SimrigError(f"'{path}' is no valid TOML: {error}") from error
 
 
 def number_rows(what: str, rows: Iterable[tuple[int, Sequence[str]]], width: int) -> np.ndarray:

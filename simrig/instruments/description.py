@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from simrig.core.errors import SimrigError, check_known, unknown_name
-from simrig.files.atomic import existing_file
+from simrig.files.text import read_toml
 from simrig.instruments.instrument import AXES
 from simrig.instruments.quantity import (
     AtLeastOne,
@@ -34,7 +34,6 @@ SHIPPED = {
     "merkur-gantry": "merkur_gantry.toml",
     "steady-gantry": "steady_gantry.toml",
 }
-_LARGEST_FILE = 1 << 20  # bytes; an instrument is a page of text
 
 _ZERO = Quantity(value=0.0)
 
@@ -250,13 +249,7 @@ def read_description(path: str | Path) -> Description:
         SimrigError: no such file, no TOML, a key that is unknown (with the nearest known one),
             missing or given twice, or a value of the wrong type or out of range.
     """
-    path = existing_file(path)
-    if path.stat().st_size > _LARGEST_FILE:
-        raise SimrigError(f"'{path}' is too large for an instrument ({_LARGEST_FILE} bytes)")
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise SimrigError(f"'{path}' is no valid TOML: {error}") from error
+    table = read_toml(path, "an instrument")
     try:
         return described(table)
     except SimrigError as error:

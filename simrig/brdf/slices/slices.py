@@ -126,11 +126,6 @@ class SliceBrdf(Brdf):
     ) -> SliceBrdf:
         return cls(SliceLayout.from_dict(structure), **data, name=name)
 
-    @property
-    def stored_bytes(self) -> int:
-        """Bytes of the layout of thesis Table D.3 (float32 RGB)."""
-        return sum(array.nbytes for array in self._arrays.values())
-
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Any:
         """Return ``SliceTables``: slices, the elevation surface and the lower bound.
 

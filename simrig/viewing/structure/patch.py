@@ -19,7 +19,7 @@ from simrig.directions.spherical import to_vector
 from simrig.mesostructure.tile import Tile
 from simrig.plugins import make_btf
 from simrig.rendering.render import load
-from simrig.scenes.parts import transform
+from simrig.scenes.parts import film, sampler, transform
 from simrig.scenes.tile import periods_for, tile_shapes
 from simrig.viewing.structure.probe import PIXEL_MM, VIEWING_MM
 
@@ -100,7 +100,7 @@ def sensor(tile: Tile, sight: Sight) -> Any:
             "to_world": transform().look_at(
                 origin=(target + distance * view).tolist(), target=target.tolist(), up=up
             ),
-            "film": _film(sight.pixels, sight.pixels),
+            "film": film(sight.pixels, sight.pixels),
             "sampler": {"type": "independent"},
         }
     )
@@ -133,17 +133,14 @@ def period_sensor(
     origin[:2] -= np.round(entered / tile.size_mm) * tile.size_mm
     to_world = np.eye(4)
     to_world[:3] = np.column_stack([across, up, -view, origin])
-    sampler: dict[str, Any] = {"type": "independent"}
-    if pixel_centres:
-        sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     return mi.load_dict(
         {
             "type": "orthographic",
             "near_clip": 1e-3 * above,
             "far_clip": 1e3 * above / view[2],
             "to_world": type(transform())(to_world),
-            "film": _film(*size),
-            "sampler": sampler,
+            "film": film(*size),
+            "sampler": sampler(pixel_centres, 4),
         }
     )
 
@@ -160,17 +157,6 @@ def picture(scene: Any, camera: Any, depth: int, spp: int, seed: int = 0) -> np.
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
     found = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=mi.UInt32(seed))
     return np.maximum(np.array(found)[..., :3], 0.0)
-
-
-def _film(width: int, height: int) -> dict[str, Any]:
-    return {
-        "type": "hdrfilm",
-        "width": width,
-        "height": height,
-        "pixel_format": "rgb",
-        "component_format": "float32",
-        "rfilter": {"type": "box"},
-    }
 
 
 def _periods(tile: Tile, sight: Sight) -> tuple[int, int]:
