@@ -1,4 +1,4 @@
-"""Files of samples, ASTM, BiRD, ALTA and Zemax: what they say is used, what does not fit refused."""
+"""Files of samples (ASTM, BiRD, ALTA, Zemax): what they say is used, what does not fit refused."""
 
 from __future__ import annotations
 
