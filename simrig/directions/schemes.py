@@ -27,7 +27,7 @@ out at their printed numbers 1, 14, 19 and 30.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -114,10 +114,11 @@ class HemisphereScheme:
         return np.stack(angles, axis=1)
 
     @classmethod
-    def from_rings(cls, name: str, rings: Iterable[Ring]) -> HemisphereScheme:
-        """Return the scheme of ``rings``, in their order, azimuths ascending."""
+    def from_rings(cls, name: str, rings: Iterable[Ring | Sequence[float]]) -> HemisphereScheme:
+        """Return the scheme of rings (or their values), in their order, azimuths ascending."""
         theta, phi = [], []
-        for ring in rings:
+        for given in rings:
+            ring = given if isinstance(given, Ring) else Ring(given[0], int(given[1]), *given[2:])
             theta += [ring.theta_deg] * ring.count
             phi += [ring.offset_deg + 360.0 * index / ring.count for index in range(ring.count)]
         return cls(name, np.radians(theta), np.radians(phi))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,22 @@ from simrig.core.errors import SimrigError
 from simrig.mesostructure.bsdfs import fibre
 from simrig.mesostructure.tile import Part
 from simrig.mesostructure.tubes import frames, merged, periodic_noise, sweep, tangents, unit
+
+
+class _Yarns(NamedTuple):
+    """Yarns along axes: their frames, half thicknesses and widths, and colours."""
+
+    axes: np.ndarray
+    up: np.ndarray
+    side: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    base: np.ndarray
+
+    @property
+    def length(self) -> float:
+        """Mean length in mm."""
+        return float(np.linalg.norm(np.diff(self.axes, axis=1), axis=-1).sum(axis=1).mean())
 
 
 @dataclass(frozen=True)
@@ -79,40 +95,23 @@ class Yarn:
         a, b = 0.5 * self.thickness * swell, 0.5 * self.width * swell
         if self.strands == 1:
             shade = self._mottled(base, 1, points, rng)
-            tube = sweep(axes, (a, b), 2 * sides + 2, self.look, shade, reference, period)
-            return tube
-        up, side = frames(axes, reference, period)
+            return sweep(axes, (a, b), 2 * sides + 2, self.look, shade, reference, period)
+        yarns = _Yarns(axes, *frames(axes, reference, period), a, b, base)
+        core, dark = (0.72 * a, 0.72 * b), 0.7 * base[:, None]
         parts = [
-            sweep(
-                axes,
-                (0.72 * a, 0.72 * b),
-                2 * sides,
-                self.look,
-                0.7 * base[:, None],
-                reference,
-                period,
-            ),
-            self._strands(axes, up, side, a, b, base, rng, period, sides),
+            sweep(axes, core, 2 * sides, self.look, dark, reference, period),
+            self._strands(yarns, rng, period, sides),
         ]
         if self.hairs > 0.0:
-            parts.append(self._hairs(axes, up, side, a, b, base, rng, period is not None))
+            parts.append(self._hairs(yarns, rng, period is not None))
         return merged(parts)
 
     def _strands(
-        self,
-        axes: np.ndarray,
-        up: np.ndarray,
-        side: np.ndarray,
-        a: np.ndarray,
-        b: np.ndarray,
-        base: np.ndarray,
-        rng: np.random.Generator,
-        period: np.ndarray | None,
-        sides: int,
+        self, yarns: _Yarns, rng: np.random.Generator, period: np.ndarray | None, sides: int
     ) -> Part:
         """Return the twisted strands, all at once: curve k · strands + s is strand s of yarn k."""
+        (axes, up, side, a, b, base), length = yarns, yarns.length
         count, points = axes.shape[:2]
-        length = np.linalg.norm(np.diff(axes, axis=1), axis=-1).sum(axis=1).mean()
         turns = self.twist * length
         if period is not None:
             turns = np.round(turns)  # so that each strand meets its own copy
@@ -150,20 +149,10 @@ class Yarn:
         shade = np.exp(self.mottle * (0.7 * per_strand + 0.7 * along))
         return np.clip(base[:, None, :] * shade[..., None], 0.0, 0.95)
 
-    def _hairs(
-        self,
-        axes: np.ndarray,
-        up: np.ndarray,
-        side: np.ndarray,
-        a: np.ndarray,
-        b: np.ndarray,
-        base: np.ndarray,
-        rng: np.random.Generator,
-        repeats: bool,
-    ) -> Part:
+    def _hairs(self, yarns: _Yarns, rng: np.random.Generator, repeats: bool) -> Part:
         """Return single fibres that leave the surface of the yarn and bend along it."""
+        (axes, up, side, a, b, base), length = yarns, yarns.length
         count, points = axes.shape[:2]
-        length = np.linalg.norm(np.diff(axes, axis=1), axis=-1).sum(axis=1).mean()
         number = max(1, round(self.hairs * length * count))
         k = rng.integers(0, count, number)
         i = rng.integers(0, points - 1 if repeats else points, number)

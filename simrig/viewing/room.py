@@ -12,6 +12,7 @@ import numpy as np
 
 from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.progress import tracked
 from simrig.mesostructure import PRESETS
 from simrig.planning import plan_scene
 from simrig.planning.mesostructure import structured_materials
@@ -97,9 +98,7 @@ def room_materials(
     made: dict[str, StimulusMaterial] = {}  # by name: a material of several parts is made once
     # what is measured takes minutes: a file that cannot be used is refused before
     names_in_turn = sorted(set(chosen.values()), key=lambda name: (name in PRESETS, name))
-    for number, name in enumerate(names_in_turn):
-        if progress is not None:
-            progress(number, len(names_in_turn), name)
+    for name in tracked(names_in_turn, progress, str):
         made[name] = StimulusMaterial(stimulus_stack(name, **options))
     return {part: made[name] for part, name in chosen.items()}
 
@@ -140,15 +139,11 @@ def predicted_distances_mm(
         SimrigError: a material has no images under lights at 60° on the right and left.
     """
     found: dict[int, float] = {}  # by object: a material of several parts is looked at once
-    count = len({id(material) for material in materials.values()})
-    for material in materials.values():
-        if id(material) in found:
-            continue
-        name = material.stack.name
-        if progress is not None:
-            progress(len(found), count, name)
+    different = {id(material): material for material in materials.values()}
+    for material in tracked(list(different.values()), progress, lambda one: one.stack.name):
         try:
-            seen = probe(btf_stimulus(material.stack), element_of_preset(name))
+            element = element_of_preset(material.stack.name)
+            seen = probe(btf_stimulus(material.stack), element)
         except SimrigError as error:
             raise SimrigError(f"{error}; take the distances of the groups instead") from error
         found[id(material)] = 1000.0 * seen.distances_m[_PREDICTOR]

@@ -14,14 +14,14 @@ Standard errors come from the spread of the measurements and of the pictures.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from simrig.btf.full import FullBtf
 from simrig.btf.stack import BtfStack
-from simrig.directions.schemes import HemisphereScheme, Ring
+from simrig.directions.schemes import HemisphereScheme
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.btf.rig import btf_angles, measure_btf
 from simrig.viewing.structure.patch import (
@@ -38,11 +38,6 @@ _TILES_PER_PIXEL = 2.0  # of the perspective picture: surely the last level
 _PERSPECTIVE = {"pixels": 2, "spp": 64}  # more pixels would see other directions
 
 
-def rings_of(name: str, rings: Sequence[Sequence[float]]) -> HemisphereScheme:
-    """Return the scheme of rings given as plain (theta_deg, count)."""
-    return HemisphereScheme.from_rings(name, [Ring(theta, int(count)) for theta, count in rings])
-
-
 def far_rows(tile: Tile, settings: Mapping[str, Any], bounces: int) -> list[dict[str, Any]]:
     """Return a row per pair of directions.
 
@@ -53,7 +48,7 @@ def far_rows(tile: Tile, settings: Mapping[str, Any], bounces: int) -> list[dict
             pairs.
         bounces: how often light is reflected at most.
     """
-    scheme = rings_of("far", settings["rings"])
+    scheme = HemisphereScheme.from_rings("far", settings["rings"])
     stack, means = _measured(tile, scheme, settings, bounces)
     btf = FullBtf.from_stack(stack)
     return [

@@ -28,10 +28,11 @@ from simrig.btf.full import FullBtf
 from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.core import backend
+from simrig.directions.schemes import HemisphereScheme
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.benchmarks.timing import rendering, side_by_side
 from simrig.evaluation.metrics.images import delta_e_map, image_errors
-from simrig.evaluation.studies.btf_against_structure.far import far_rows, rings_of
+from simrig.evaluation.studies.btf_against_structure.far import far_rows
 from simrig.evaluation.studies.btf_against_structure.shown import plots, table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.engine.pictures import picture_row
@@ -126,7 +127,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     tile = build_tile(cell["material"])
     stack = measure_btf(
         tile,
-        btf_angles(rings_of("rings", config["rings"])),
+        btf_angles(HemisphereScheme.from_rings("rings", config["rings"])),
         config["texels"],
         config["spp"],
         bounces=config["bounces"],

@@ -31,7 +31,7 @@ import numpy as np
 from simrig.btf.full import FullBtf
 from simrig.btf.stack import BtfStack
 from simrig.core import backend
-from simrig.directions.schemes import HemisphereScheme, Ring, hemisphere_81
+from simrig.directions.schemes import HemisphereScheme, hemisphere_81
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics.images import difference_image, foreground_mask, image_errors
 from simrig.evaluation.studies.btf_slices.shown import ALL, ERRORS, plots, summarise, table
@@ -166,7 +166,7 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
 def _scheme(config: Config) -> HemisphereScheme:
     if config["rings"] is None:
         return hemisphere_81()
-    return HemisphereScheme.from_rings("rings", [Ring(*ring) for ring in config["rings"]])
+    return HemisphereScheme.from_rings("rings", config["rings"])
 
 
 def _costs(measured: BtfStack, result: BtfStack, hardware_seconds: float) -> dict[str, float]:

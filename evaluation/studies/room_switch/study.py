@@ -33,7 +33,7 @@ import numpy as np
 
 from simrig.core import backend
 from simrig.core.cost import stopwatch
-from simrig.directions.schemes import HemisphereScheme, Ring
+from simrig.directions.schemes import HemisphereScheme
 from simrig.evaluation.benchmarks.timing import Timing, one_alive, rendering
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
@@ -183,7 +183,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _room(config: Config, variant: str, kept: Path | None) -> Room:
-    rings = HemisphereScheme.from_rings("study", (Ring(t, int(n)) for t, n in config["rings"]))
+    rings = HemisphereScheme.from_rings("study", config["rings"])
     materials = room_materials(
         config["materials"],
         texels=config["texels"],

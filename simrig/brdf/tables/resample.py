@@ -10,6 +10,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable, bin_directions, fill_invalid
+from simrig.core.progress import tracked
 from simrig.directions.spherical import to_vector
 
 # A table's nodes at the horizon are evaluated just above it, where f_r has its limit
@@ -130,13 +131,11 @@ def resample_dense(
     rows, columns = np.indices((n_theta, n_theta)).reshape(2, -1)
     if brdf.reciprocal:
         rows, columns = np.triu_indices(n_theta)
-    for done, (row, column) in enumerate(zip(rows, columns, strict=True), start=1):
+    for row, column in tracked(list(zip(rows, columns, strict=True)), progress):
         wi, wv = directions[row][:, None, :], directions[column][None, :, :]
         values[row, column] = evaluate(brdf, wi, wv, float_type)
         if brdf.reciprocal:
             values[column, row] = values[row, column].swapaxes(0, 1)
-        if progress is not None:
-            progress(done, len(rows))
     reciprocal = True if brdf.reciprocal else None
     return DenseTable(values, theta_step, theta_max, reciprocal=reciprocal, name=brdf.name)
 

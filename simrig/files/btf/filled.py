@@ -10,6 +10,7 @@ import numpy as np
 from simrig.btf.grid import PairGrid
 from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
+from simrig.core.progress import tracked
 from simrig.directions.spherical import to_angles
 from simrig.files.btf.recording import BtfWriter
 
@@ -55,9 +56,7 @@ def write_filled(
     ) as writer:
         for part, block in stack.blocks():
             writer.write(part.start, block)
-        for number, blended in enumerate(sources):
+        for number, blended in enumerate(tracked(sources, progress)):
             image = sum(w * np.asarray(stack.values[k], dtype=np.float64) for k, w in blended)
             writer.write(len(stack) + number, np.asarray(image))
-            if progress is not None:
-                progress(number + 1, len(missing))
     return [grid.describe(light, view) for light, view in missing]
