@@ -15,12 +15,11 @@ import numpy as np
 
 from simrig.brdf.checks import CLAMP, check_values, without_negative
 from simrig.brdf.tables.dense import DenseTable
-from simrig.brdf.tables.scattered import barycentric_weights
+from simrig.brdf.tables.from_samples import tabulated_pairs
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.files.atomic import existing_file
 
-_STEP = np.radians(7.5)
 _FIELDS = ("theta", "phi", "f_view_light_rgb")
 _MOST_DIRECTIONS = 4096
 _MOST_BYTES = 3 * 8 * _MOST_DIRECTIONS**2 + (1 << 20)
@@ -54,24 +53,13 @@ def read_ubo(path: str | Path, clamp_negative: bool = False) -> tuple[np.ndarray
 
 
 def load_ubo(path: str | Path, clamp_negative: bool = False) -> DenseTable:
-    """Read a material and tabulate it every 7.5°.
+    """Read a material and tabulate it (see ``tabulated_pairs``); it is not made reciprocal.
 
-    Both directions are interpolated by barycentric coordinates on the triangulated hemisphere,
-    so the table is exact wherever a node is a measured direction. It is not made reciprocal.
     theta_max is the largest polar angle measured.
     """
     directions, values = read_ubo(path, clamp_negative)
     theta_max = float(np.arccos(directions[:, 2].min()))
-    n_theta, n_phi = int(np.ceil(theta_max / _STEP - 1e-4)) + 1, round(2.0 * np.pi / _STEP)
-    theta = np.append(np.arange(n_theta - 1) * _STEP, theta_max)
-    targets = to_vector(theta[:, None], _STEP * np.arange(n_phi)[None, :]).reshape(-1, 3)
-    weights = barycentric_weights(directions, targets)
-    # one side after the other: (targets, n) by (n, n, 3), then the same from the right
-    table = np.einsum("vn,inc->ivc", weights, np.tensordot(weights, values, (1, 0)), optimize=True)
-    table = table.reshape(n_theta, n_phi, n_theta, n_phi, 3).transpose(0, 2, 1, 3, 4)
-    return DenseTable(
-        np.ascontiguousarray(table, dtype=np.float32), _STEP, theta_max, name=Path(path).stem
-    )
+    return tabulated_pairs(directions, directions, values, theta_max, Path(path).stem)
 
 
 def _read_fields(path: Path) -> dict[str, np.ndarray]:

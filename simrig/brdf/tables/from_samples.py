@@ -22,6 +22,7 @@ from simrig.brdf.tables.scattered import (
     barycentric_weights,
     interpolate_isotropic,
     residual,
+    subset,
 )
 from simrig.core.errors import SimrigError
 from simrig.directions.half_difference import from_half_difference
@@ -108,6 +109,12 @@ def _grouped(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values, inverse.ravel()
 
 
+def _axes(columns: np.ndarray) -> tuple[list[np.ndarray], tuple[np.ndarray, ...]]:
+    """Return the different values of each column, sorted, and which of them each row has."""
+    found = [_grouped(column[:, None]) for column in columns.T]
+    return [levels[:, 0] for levels, _ in found], tuple(group for _, group in found)
+
+
 def _means(group: np.ndarray, count: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean of the values of each group, (count, 3), and how many there are."""
     number = np.bincount(group, minlength=count)
@@ -137,16 +144,33 @@ def _all_pairs(angles: np.ndarray, samples: ScatteredSamples) -> Assembled | Non
         brdf = BarycentricBrdf(lights[:, 0], lights[:, 1], values, name=samples.name)
         return Assembled(brdf, f"{text}, interpolated between neighbours")
     theta_max = float(max(lights[:, 0].max(), views[:, 0].max()))
+    sides = to_vector(*lights.T), to_vector(*views.T)
+    table = tabulated_pairs(*sides, values, theta_max, samples.name)
+    return Assembled(table, f"{text}, interpolated to every {np.degrees(_STEP):g}°")
+
+
+def tabulated_pairs(
+    lights: np.ndarray, views: np.ndarray, values: np.ndarray, theta_max: float, name: str
+) -> DenseTable:
+    """Return the table every 7.5° of a set of illuminations times a set of views.
+
+    Both are interpolated by barycentric coordinates on the triangulated hemisphere, so the table
+    is exact wherever a node is a measured direction.
+
+    Args:
+        lights, views: unit vectors, (n, 3) and (m, 3).
+        values: (n, m, 3) f_r.
+        theta_max: polar angle of the last nodes.
+        name: of the table.
+    """
     n_theta, n_phi = int(np.ceil(theta_max / _STEP - 1e-4)) + 1, round(2.0 * np.pi / _STEP)
     theta = np.append(np.arange(n_theta - 1) * _STEP, theta_max)
     nodes = to_vector(theta[:, None], _STEP * np.arange(n_phi)).reshape(-1, 3)
-    left, right = (barycentric_weights(to_vector(*side.T), nodes) for side in (lights, views))
+    left, right = (barycentric_weights(side, nodes) for side in (lights, views))
+    # one side after the other: (nodes, n) by (n, m, 3), then the same from the right
     full = np.einsum("vn,inc->ivc", right, np.tensordot(left, values, (1, 0)), optimize=True)
     full = full.reshape(n_theta, n_phi, n_theta, n_phi, 3).transpose(0, 2, 1, 3, 4)
-    table = DenseTable(
-        np.ascontiguousarray(full, dtype=np.float32), _STEP, theta_max, name=samples.name
-    )
-    return Assembled(table, f"{text}, interpolated to every {np.degrees(_STEP):g}°")
+    return DenseTable(np.ascontiguousarray(full, dtype=np.float32), _STEP, theta_max, name=name)
 
 
 def _regular(
@@ -195,17 +219,13 @@ def _isotropic_grid(angles: np.ndarray, samples: ScatteredSamples) -> Assembled 
 
     An azimuth of 0° to 180° stands for both sides: an isotropic surface is its own mirror image.
     """
-    axes, where = [], []
-    for column in (angles[:, 0], angles[:, 2], angles[:, 3]):
-        levels, group = _grouped(column[:, None])
-        axes.append(levels[:, 0])
-        where.append(group)
+    axes, where = _axes(angles[:, [0, 2, 3]])
     shape = tuple(len(axis) for axis in axes)
     size = int(np.prod(shape, dtype=object))
     pole = (angles[:, 0] == 0.0) | (angles[:, 2] == 0.0)
     if min(shape) < 3 or size > 4 * len(samples) + 1000:
         return None
-    values, number = _means(np.ravel_multi_index(tuple(where), shape), size, samples.values)
+    values, number = _means(np.ravel_multi_index(where, shape), size, samples.values)
     values, number = values.reshape(*shape, 3), number.reshape(shape)
     if pole.any():  # a direction at the pole has one value whatever the azimuth
         for axis in (0, 1):
@@ -294,21 +314,12 @@ def half_difference_table(
     turn = 2.0 * np.pi if np.ptp(x[:, 2]) > np.pi + _SAME_ANGLE else np.pi
     x[:, 2] = np.mod(x[:, 2], turn)
     x[np.abs(x[:, 2] - turn) < _SAME_ANGLE, 2] = 0.0
-    axes, where = [], []
-    for column in x.T:
-        order = np.argsort(column, kind="stable")
-        group = np.empty(len(column), dtype=np.int64)
-        group[order] = np.concatenate([[0], np.cumsum(np.diff(column[order]) > _SAME_ANGLE)])
-        axes.append(np.bincount(group, column) / np.bincount(group))
-        where.append(group)
+    axes, where = _axes(x)
     shape = tuple(len(axis) for axis in axes)
     if min(shape) < 2 or np.prod(shape, dtype=object) > 8 * len(x):
         return None
-    cells = np.ravel_multi_index(tuple(where), shape)
-    size = int(np.prod(shape))
-    number = np.bincount(cells, minlength=size)
-    total = np.stack([np.bincount(cells, column, size) for column in samples.T], axis=-1)
-    values = np.maximum(total / np.maximum(number, 1)[:, None], 0.0).reshape(*shape, 3)
+    means, number = _means(np.ravel_multi_index(where, shape), int(np.prod(shape)), samples)
+    values = np.maximum(means, 0.0).reshape(*shape, 3)
     held = (number > 0).reshape(shape)
     grid = np.meshgrid(*axes, indexing="ij")
     wi, wv = from_half_difference(grid[0], 0.0 * grid[0], grid[1], grid[2])
@@ -351,8 +362,7 @@ def _scattered(samples: ScatteredSamples, isotropic: bool, what: str) -> Assembl
     used, note = samples, ""
     if len(samples) > _MOST_FOR_A_SPLINE:
         keep = np.random.default_rng(0).permutation(len(samples))[:_MOST_FOR_A_SPLINE]
-        names = ("theta_i", "phi_i", "theta_v", "phi_v", "values")
-        used = replace(samples, **{name: getattr(samples, name)[np.sort(keep)] for name in names})
+        used = subset(samples, np.sort(keep))
         note = f" {_MOST_FOR_A_SPLINE} of them drawn at random"
     brdf = interpolate_isotropic(used)
     wi, wv = samples.directions

@@ -271,14 +271,15 @@ def cross_validate(samples: ScatteredSamples, folds: int = 5, seed: int = 0) -> 
     predicted = np.full_like(samples.values, np.nan)
     for number in left_out:
         held_out = part == number
-        predicted[held_out] = IsotropicInterpolator(_subset(samples, ~held_out))(
+        predicted[held_out] = IsotropicInterpolator(subset(samples, ~held_out))(
             wi[held_out], wv[held_out]
         )
     tested = np.isfinite(predicted).all(axis=1)
-    return residual(_subset(samples, tested), predicted[tested])
+    return residual(subset(samples, tested), predicted[tested])
 
 
-def _subset(samples: ScatteredSamples, mask: np.ndarray) -> ScatteredSamples:
+def subset(samples: ScatteredSamples, mask: np.ndarray) -> ScatteredSamples:
+    """Return the samples that a mask, or their numbers, choose."""
     names = ("theta_i", "phi_i", "theta_v", "phi_v", "values")
     return replace(samples, **{name: getattr(samples, name)[mask] for name in names})
 
