@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,8 @@ from simrig.directions.spherical import to_angles, to_vector
 from simrig.methods import METHODS
 from simrig.plans.auto.batches import travel_order
 from simrig.plans.auto.description import describe
-from simrig.plans.auto.findings import findings_of, layout_of
+from simrig.plans.auto.families import FAMILIES, choose
+from simrig.plans.auto.findings import Doubt, findings_of, layout_of
 from simrig.plans.auto.pilot import pilot_pairs, pilot_size
 from simrig.plans.auto.plan import AutomaticPlan
 from simrig.plans.protocol import Recorded
@@ -74,6 +77,47 @@ class Noisy(Brdf):
         return scale(self.brdf.eval(wi, wv), 1.0 + self.noise * np.sqrt(12.0) * (uniform - 0.5))
 
 
+class Tape(Brdf):
+    """Sends light back within two degrees."""
+
+    name = "tape"
+
+    def data(self):
+        return {"colour": np.array([0.05, 0.05, 0.05])}
+
+    def look_up(self, wi, wv, tables):
+        back = to_half_difference(wi, wv).theta_d
+        lobe = 20.0 * np.exp(-((back / np.radians(1.5)) ** 2))
+        return 0.05 + scale(np.ones_like(wi), lobe)
+
+
+class HalfAngle(Brdf):
+    """A lobe over theta_h that rises with theta_d: phi_d does not matter."""
+
+    name = "half_angle"
+
+    def data(self):
+        return {"colour": np.array([1.0, 0.8, 0.6])}
+
+    def look_up(self, wi, wv, tables):
+        at = to_half_difference(wi, wv)
+        lobe = np.exp(-((at.theta_h / 0.2) ** 2)) * (1.0 + at.theta_d**2)
+        return np.array([1.0, 0.8, 0.6]) * (0.1 + lobe)[..., None]
+
+
+class Rim(Brdf):
+    """Isotropic and reciprocal, and phi_d matters."""
+
+    name = "rim"
+
+    def data(self):
+        return {"colour": np.array([0.3, 0.2, 0.1])}
+
+    def look_up(self, wi, wv, tables):
+        both = components(wi)[2] * components(wv)[2]
+        return np.array([0.3, 0.2, 0.1]) * (0.2 + both)[..., None]
+
+
 def described(brdf: Brdf, samples: int = 6000):
     pilot = pilot_pairs(samples, REACH, REACH)
     return describe(pilot, brdf.eval(pilot.wi, pilot.wv))
@@ -112,6 +156,34 @@ def test_a_pilot_tells_materials_apart():
     assert described(OneWay()).symmetry == Symmetry(True, False, True, True)
     turned = described(Turned(kurt_material("purple_satin"), 0.5)).symmetry
     assert turned == Symmetry(False, True, False, True)
+
+
+def test_a_pilot_tells_what_calls_for_which_family():
+    tape, satin = described(Tape()), described(kurt_material("purple_satin"))
+    assert [f.name for f in choose(tape).families] == ["isotropic", "retro-reflective"]
+    assert [f.name for f in choose(satin).families] == ["anisotropic"]
+    assert described(HalfAngle()).bivariate and not described(Rim()).bivariate
+    assert described(Rim()).symmetry == Symmetry(True, True, True, True)
+    assert not satin.bivariate and not described(OneWay()).bivariate
+    for name, family in FAMILIES.items():
+        forced = choose(satin, name)
+        assert family in forced.families and f"{name} (as you wished)" in forced.why
+    assert choose(satin, "retro-reflective").symmetry == satin.symmetry
+    assert choose(satin, "retro-reflective").shares.back > choose(satin).shares.back
+
+
+def test_quantities_of_a_pilot_have_honest_uncertainties():
+    bodies, noises = [], []
+    for seed in range(12):  # other directions, other noise
+        pilot = pilot_pairs(4000, REACH, REACH, seed)
+        seen = describe(pilot, Noisy(Lambert((0.3,) * 3), 0.05).eval(pilot.wi, pilot.wv))
+        said = {quantity.name: quantity for quantity in seen.quantities()}
+        assert said["highlight, half width"].value is None
+        body, noise = said["body, median"], said["noise of the rig"]
+        bodies.append((body.value - 0.3 / np.pi) / body.uncertainty)
+        noises.append((noise.value - 5.0) / noise.uncertainty)
+    for scores in np.abs([bodies, noises]):  # of 12, some 8 within one and 11 within two
+        assert np.sum(scores < 2.0) >= 9 and np.sum(scores > 0.3) >= 4
 
 
 def test_noise_is_seen_and_not_taken_for_anisotropy():
@@ -169,19 +241,6 @@ def test_anisotropic_materials_are_measured_well(tmp_path):
 
 @pytest.mark.slow
 def test_retro_reflection_is_found_and_kept():
-    class Tape(Brdf):
-        """Sends light back within two degrees."""
-
-        name = "tape"
-
-        def data(self):
-            return {"colour": np.array([0.05, 0.05, 0.05])}
-
-        def look_up(self, wi, wv, tables):
-            back = to_half_difference(wi, wv).theta_d
-            lobe = 20.0 * np.exp(-((back / np.radians(1.5)) ** 2))
-            return 0.05 + scale(np.ones_like(wi), lobe)
-
     tape = Tape()
     assert described(tape).retro > 100.0
     measured = Gonioreflectometer().measure(tape, AutomaticPlan(500))
@@ -214,7 +273,33 @@ def test_a_pilot_that_was_wrong_is_overruled():
     findings = found(Gonioreflectometer().measure(satin, Deceived(800)))
     assert findings.symmetries[0][1].isotropic
     assert not findings.symmetry.isotropic
-    assert "contradict" in findings.why()
+    assert "then anisotropic" in findings.why() and "each left out" in findings.why()
+
+
+def test_a_wished_family_that_does_not_suit_is_measured_and_doubted():
+    satin = kurt_material("purple_satin")
+    measured = Gonioreflectometer().measure(satin, AutomaticPlan(150, family="isotropic"))
+    told = measured.provenance["found"]
+    assert found(measured).symmetry.isotropic and told["families"] == ["isotropic"]
+    assert "isotropic (as you wished)" in told["why"]
+    (warning,) = told["warnings"]
+    assert "better as anisotropic" in warning and warning in told["why"]
+    assert told["predicted_delta_e"] > 2.0  # and what it expects is no better than it is
+    assert warning in " ".join(reconstruct_kriging(measured).notes)
+
+
+def test_two_angles_are_measured_where_they_suffice(tmp_path):
+    measured = Gonioreflectometer().measure(HalfAngle(), AutomaticPlan(120))
+    told = measured.provenance["found"]
+    assert told["families"] == ["bivariate"] and "each left out" in told["why"]
+    made = reconstruct_kriging(measured).brdf
+    assert error(HalfAngle(), made) < 1.0
+    measured.save(tmp_path / "m.h5")
+    again = Measurement.load(tmp_path / "m.h5")
+    assert found(again).symmetry.bivariate and again.provenance["found"] == told
+    quantities = {quantity["name"]: quantity for quantity in told["pilot"]}
+    assert quantities["highlight, half width"]["uncertainty"] > 0.0
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
 
 
 def test_it_stops_when_it_is_good_enough():
@@ -249,6 +334,13 @@ def test_findings_survive_as_arrays_and_damaged_ones_are_refused():
     layout = layout_of(taken, [(60, 3.0), (200, 1.5)])
     again = findings_of(layout)
     assert again.symmetries == tuple(taken)
+    before = findings_of({**layout, "symmetries": layout["symmetries"][:, :6]})
+    assert before.symmetries == tuple(taken)  # of files that knew no bivariate family
+    bivariate = Symmetry(True, True, True, True, bivariate=True)
+    doubts = [Doubt(90, bivariate, 0.5)]
+    assert findings_of(layout_of([(60, bivariate)], [(60, 3.0)], doubts)).doubts == tuple(doubts)
+    with pytest.raises(SimrigError, match="cannot be"):
+        findings_of(layout_of(taken, [(60, 3.0)], [Doubt(90, bivariate, 0.0)]))
     assert again.predicted_delta_e == 1.5
     for name, wrong in (("symmetries", np.zeros((1, 2))), ("predicted_delta_e", np.zeros(3))):
         with pytest.raises(SimrigError, match="does not say"):
@@ -264,6 +356,7 @@ def test_findings_survive_as_arrays_and_damaged_ones_are_refused():
         ({"samples": 100, "until": 0.0}, "above 0"),
         ({"samples": 100, "until": float("nan")}, "above 0"),
         ({"samples": 100, "theta_i_max": 2.0}, "between 0 and 90"),
+        ({"samples": 100, "family": "isotropc"}, "did you mean 'isotropic'"),
     ],
 )
 def test_plans_that_cannot_be_are_refused(arguments, message):

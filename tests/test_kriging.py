@@ -31,6 +31,7 @@ REACH = np.radians(80.0)
 ISOTROPIC = Symmetry(isotropic=True, reciprocal=True, mirror=True, half_turn=True)
 ORTHOTROPIC = Symmetry(reciprocal=True, mirror=True, half_turn=True, axis=0.4)
 SYMMETRIES = (
+    Symmetry(isotropic=True, reciprocal=True, mirror=True, half_turn=True, bivariate=True),
     ISOTROPIC,
     Symmetry(isotropic=True, mirror=True, half_turn=True),
     Symmetry(isotropic=True, half_turn=True),

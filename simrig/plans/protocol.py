@@ -129,6 +129,18 @@ class Plan(ABC):
         """
         return
 
+    def found(self, values: np.ndarray, layout: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return what the plan found out about the material, as plain values for provenance.
+
+        Args:
+            values: (n, 3) f_r that were recorded, in order.
+            layout: what the batches returned.
+
+        Returns:
+            ``lines`` for people, and whatever else there is; nothing of plans that find nothing.
+        """
+        return {}
+
     def probe(self, most: int) -> Plan:
         """Return a plan that looks where this one does, of about ``most`` samples or fewer."""
         return self

@@ -110,10 +110,13 @@ def table_shape(symmetry: Symmetry, samples: int) -> tuple[int, int, int, int]:
     (turn_h, turn_d), folded = symmetry.extent, symmetry.folded
     ratios[1] *= 1.0 if isotropic else turn_h / (2.0 * np.pi) * (0.5 if folded[0] else 1.0)
     ratios[3] *= turn_d / (2.0 * np.pi) * (0.5 if folded[1] else 1.0)
+    if symmetry.bivariate:
+        ratios[3] = 2.0  # the fewest that a table has, and all the same
     target = min(most, _FEWEST_NODES[isotropic] + _NODES_PER_SAMPLE * samples)
-    scale = (target / ratios.prod()) ** (1.0 / (3.0 if isotropic else 4.0))
+    scale = (target / ratios.prod()) ** (1.0 / symmetry.dimensions)
     counts = [max(round(ratio * scale), 4) for ratio in ratios]
-    return (counts[0], 1 if isotropic else counts[1], counts[2], counts[3])
+    last = 2 if symmetry.bivariate else counts[3]
+    return (counts[0], 1 if isotropic else counts[1], counts[2], last)
 
 
 def nodes_in_words(table: HalfDifferenceTable) -> str:

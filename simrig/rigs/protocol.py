@@ -246,6 +246,9 @@ class Rig(ABC):
             "instrument": self.instrument_facts(),
             "simrig_version": simrig.__version__,
         }
+        found = plan.found(recorded.values, layout)
+        if found:
+            provenance["found"] = found
         if self.effect_plan is not None:
             provenance["effects"] = self.effect_plan.as_dict()
         columns = 7 if recorded.uncertainty is None else 10

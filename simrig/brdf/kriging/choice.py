@@ -21,6 +21,7 @@ _LEAST_LINEAR = 0.4  # share of theta_h itself in the steps of a profile
 _STARTS = ((0.002, 1.7), (0.3, 1.0))
 
 SYMMETRIES: tuple[Symmetry, ...] = (
+    Symmetry(isotropic=True, reciprocal=True, mirror=True, half_turn=True, bivariate=True),
     Symmetry(isotropic=True, reciprocal=True, mirror=True, half_turn=True),
     Symmetry(isotropic=True, mirror=True, half_turn=True),
     Symmetry(isotropic=True, half_turn=True),

@@ -3,8 +3,9 @@
 theta_h is stretched where highlights are narrow. Every coordinate is a smooth function of the two
 directions, at theta_h = 0, at equal directions and around all azimuths, so that what is
 interpolated in them is continuous there. Isotropic: stretched theta_h, theta_d, and one that tells
-the sides of the plane of incidence apart. Anisotropic: the stretched half vector in the plane,
-theta_d, and the difference vector carried along to the pole. The length of each is a parameter.
+the sides of the plane of incidence apart; bivariate: the first two. Anisotropic: the stretched half
+vector in the plane, theta_d, and the difference vector carried along to the pole. The length of
+each is a parameter.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Coordinates:
     Attributes:
         symmetry: of the material; decides which coordinates there are.
         stretch: of theta_h.
-        lengths: one per coordinate (three or six, see ``LENGTHS``).
+        lengths: of the coordinates: two (bivariate), three (isotropic) or five.
         nugget: variance of noise over that of the signal.
         stretch_d: of theta_d.
     """
@@ -78,7 +79,10 @@ class Coordinates:
         radius, size = self.stretch(theta_h), np.sin(theta_d)
         apart = self.stretch_d(theta_d)
         near = np.minimum(4.0 * radius, 1.0)  # phi_d alone means nothing at theta_h = 0
-        if self.symmetry.isotropic:
+        if self.symmetry.bivariate:
+            parts = [radius, apart]
+            scales = self.lengths
+        elif self.symmetry.isotropic:
             parts = [radius, apart, 0.5 * near * size * np.cos(phi_d)]
             if not self.symmetry.mirror:
                 parts.append(0.5 * near * size * np.sin(phi_d))
@@ -131,6 +135,7 @@ ISOTROPIC_PRIOR = Prior(
     np.array([-1.5, -1.0, -0.3, np.log(0.05), -1.0, -9.0]),
     np.array([1.0, 1.0, 1.0, 1.5, 2.0, 3.0]),
 )
+BIVARIATE_PRIOR = Prior(np.delete(ISOTROPIC_PRIOR.mean, 2), np.delete(ISOTROPIC_PRIOR.deviation, 2))
 ANISOTROPIC_PRIOR = Prior(
     np.array([-1.0, -1.0, -0.5, 0.0, 0.0, np.log(0.2), -0.5, -10.0]),
     np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.0, 3.0]),
@@ -139,7 +144,7 @@ ANISOTROPIC_PRIOR = Prior(
 
 def prior_of(symmetry: Symmetry) -> Prior:
     """Return the prior of the parameters for a symmetry."""
-    return ISOTROPIC_PRIOR if symmetry.isotropic else ANISOTROPIC_PRIOR
+    return {2: BIVARIATE_PRIOR, 3: ISOTROPIC_PRIOR, 4: ANISOTROPIC_PRIOR}[symmetry.dimensions]
 
 
 def stretch_of_theta_d(angles: np.ndarray, values: np.ndarray) -> Stretch:

@@ -49,16 +49,19 @@ def even_pairs(
     return to_vector(theta_i, phi_i), to_vector(theta_v, phi_v)
 
 
-def lobe_pairs(count: int, reach: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def lobe_pairs(
+    count: int, reach: float, seed: int = 0, cores: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs in lobes, down to a fifth of a degree from where they are brightest.
 
-    The first half is even in the logarithm of theta_h, for highlights; the second in that of
-    theta_d, for light that goes back to where it is from. All lie within ``reach``, radians.
+    The first ``cores`` (half unless given) are even in the logarithm of theta_h, for highlights;
+    the others in that of theta_d, for light that goes back to where it is from. All lie within
+    ``reach``, radians.
     """
     uniform = _sobol(4, count, seed)
     narrow = _NARROWEST * (reach / _NARROWEST) ** uniform[:, 0]
     other = np.arccos(np.clip(np.cos(reach) / np.cos(narrow), 0.0, 1.0)) * uniform[:, 1]
-    first = np.arange(count) < count // 2
+    first = np.arange(count) < (count // 2 if cores is None else cores)
     theta_h, theta_d = np.where(first, narrow, other), np.where(first, other, narrow)
     sines = np.maximum(np.sin(theta_h) * np.sin(theta_d), _TINY)
     limit = np.clip((np.cos(theta_h) * np.cos(theta_d) - np.cos(reach)) / sines, 0.0, 1.0)

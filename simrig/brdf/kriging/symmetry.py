@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core.arrays import Array, namespace
+from simrig.core.errors import SimrigError
 from simrig.directions.half_difference import HalfDifference
 
 # what a symmetry makes of theta_h, phi_h, theta_d, phi_d
@@ -27,6 +28,10 @@ class Symmetry:
             in any plane of the normal).
         half_turn: turning both by 180° about the normal; an isotropic BRDF has it anyway.
         axis: azimuth of the main axis, radians; of no meaning where isotropic.
+        bivariate: phi_d does not matter; only what is isotropic, reciprocal and mirror symmetric.
+
+    Raises:
+        SimrigError: bivariate without what belongs to it.
     """
 
     isotropic: bool = False
@@ -34,6 +39,16 @@ class Symmetry:
     mirror: bool = False
     half_turn: bool = False
     axis: float = 0.0
+    bivariate: bool = False
+
+    def __post_init__(self) -> None:
+        if self.bivariate and not (self.isotropic and self.reciprocal and self.mirror):
+            raise SimrigError("only an isotropic, reciprocal, mirror symmetric BRDF is bivariate")
+
+    @property
+    def dimensions(self) -> int:
+        """How many angles the BRDF depends on."""
+        return 2 if self.bivariate else 3 if self.isotropic else 4
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for provenance."""
@@ -43,13 +58,16 @@ class Symmetry:
     def from_dict(cls, values: Mapping[str, Any]) -> Symmetry:
         """Return what ``as_dict`` described."""
         flags = {k: bool(values[k]) for k in ("isotropic", "reciprocal", "mirror", "half_turn")}
-        return cls(**flags, axis=float(values.get("axis", 0.0)))
+        bivariate = bool(values.get("bivariate", False))  # absent in files of before
+        return cls(**flags, axis=float(values.get("axis", 0.0)), bivariate=bivariate)
 
     def describe(self) -> str:
         """Return the symmetries in words."""
         words = ["isotropic" if self.isotropic else "anisotropic"]
         words.append("reciprocal" if self.reciprocal else "not reciprocal")
-        if self.isotropic:
+        if self.bivariate:
+            words.append("the same at all phi_d")
+        elif self.isotropic:
             words.append("bilaterally symmetric" if self.mirror else "not bilaterally symmetric")
         else:
             words += ["mirror symmetric"] if self.mirror else []
@@ -69,6 +87,8 @@ class Symmetry:
             isotropic BRDF's coordinates do not see makes no image.
         """
         found = [angles]
+        if self.bivariate:
+            return angles  # all images have the same coordinates
         if self.reciprocal:
             found += [image + _SWAPPED for image in found]
         if not self.isotropic:

@@ -40,13 +40,12 @@ def next_batch(model: KrigingModel, angles: np.ndarray, free: np.ndarray, count:
         share = radiance / (radiance + model.transform.floor)
         seen = 0.5 * (seen + _relative(np.linalg.norm(amplitude * share, axis=1)))
     density = seen**_STEEP + _EVEN
-    dimensions = 3 if model.symmetry.isotropic else 4
     distance, _ = model.tree.query(points)
     free = free.copy()
     chosen: list[int] = []
     each = max(1, -(-count // _ROUNDS))
     while len(chosen) < count:
-        merit = np.where(free, density * distance**dimensions, -1.0)
+        merit = np.where(free, density * distance**model.symmetry.dimensions, -1.0)
         picked = _apart(points, merit, distance, min(each, count - len(chosen)))
         chosen += picked
         free[picked] = False

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.directions.half_difference import to_half_difference
 from simrig.plans.auto.pilot import OPERATIONS, Pilot
+from simrig.plans.auto.quantities import Quantity, numbers, uncertainties
 
 _SAME = 3e-4  # relative difference that counts as none
 _HANDED = 0.03  # relative difference of mirror images of an isotropic material that counts
 _KEPT, _NO_NOISE = 0.75, 1e-4  # of the groups, those that differ least; where there is noise
+_OF_MEDIAN = 1.17  # standard error of a median deviation, over deviation and root of the count
 _DEVIATIONS = 3.0  # standard errors by which a difference must exceed that of noise
 
 
@@ -24,7 +25,7 @@ class Test:
 
     Attributes:
         difference: mean of the relative differences of values that it would make equal.
-        uncertainty: its standard error.
+        uncertainty: its standard error; infinite where nothing was tried.
         holds: whether they are equal within noise.
     """
 
@@ -32,64 +33,107 @@ class Test:
     uncertainty: float
     holds: bool
 
+    def __str__(self) -> str:
+        return f"{100 * self.difference:.2g} ± {100 * self.uncertainty:.1g} %"
+
 
 @dataclass(frozen=True)
 class Description:
     """A material as the pilot saw it.
 
     Attributes:
-        tests: of ``isotropic``, ``reciprocal``, ``mirror`` and ``half_turn``.
+        tests: of ``isotropic``, ``reciprocal``, ``mirror``, ``half_turn`` and ``bivariate``.
         noise: relative standard deviation of a value.
         noise_uncertainty: its standard error.
-        peak: largest f_r seen, 1/sr, mean of the channels.
-        body: median f_r away from the highlight, 1/sr, mean of the channels.
-        peak_colour, body_colour: of these, largest channel 1.
-        width: theta_h at which values have fallen halfway to the body, radians; None where no
-            highlight stands out.
-        retro: f_r of light that goes back where it comes from, over the body.
-        dynamic_range: binary logarithm of the largest over the smallest positive value.
+        seen: see ``simrig.plans.auto.quantities.numbers``.
+        errors: the uncertainties of these.
     """
 
     tests: Mapping[str, Test]
     noise: float
     noise_uncertainty: float
-    peak: float
-    body: float
-    peak_colour: tuple[float, float, float]
-    body_colour: tuple[float, float, float]
-    width: float | None
-    retro: float
-    dynamic_range: float
+    seen: Mapping[str, float]
+    errors: Mapping[str, float]
 
     @property
     def symmetry(self) -> Symmetry:
         """The symmetries that hold."""
         holds = {name: test.holds for name, test in self.tests.items()}
-        if holds["isotropic"]:
-            # without mirror images only where handedness is plain: hardly a material has it
-            mirror = holds["mirror"] or self.tests["mirror"].difference < _HANDED
-            return Symmetry(True, holds["reciprocal"], mirror, True)
-        return Symmetry(False, holds["reciprocal"], holds["mirror"], holds["half_turn"])
+        if not holds["isotropic"]:
+            return Symmetry(False, holds["reciprocal"], holds["mirror"], holds["half_turn"])
+        # without mirror images only where handedness is plain: hardly a material has it
+        mirror = holds["mirror"] or self.tests["mirror"].difference < _HANDED
+        return Symmetry(True, holds["reciprocal"], mirror, True)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values, for provenance and reports."""
-        return asdict(self)
+    @property
+    def bivariate(self) -> bool:
+        """Whether phi_d may not matter: left-out samples must say so too."""
+        own = self.symmetry
+        return self.tests["bivariate"].holds and own.isotropic and own.reciprocal and own.mirror
 
-    def lines(self) -> list[str]:
-        """Return what a reader wants to know, one fact a line."""
-        said = [
-            f"{name.replace('_', ' ')}: {'yes' if test.holds else 'no'} (values differ by "
-            f"{100 * test.difference:.2g} ± {100 * test.uncertainty:.1g} %)"
+    @property
+    def peak(self) -> float:
+        """Largest f_r seen, 1/sr, mean of the channels."""
+        return self.seen["peak"]
+
+    @property
+    def body(self) -> float:
+        """Median f_r away from the highlight, 1/sr, mean of the channels."""
+        return self.seen["body"]
+
+    @property
+    def width(self) -> float | None:
+        """theta_h at which values have fallen halfway to the body, radians; None without one."""
+        return known(self.seen["width"])
+
+    @property
+    def retro(self) -> float:
+        """f_r of light that goes back, over what lies beside; 1 where unknown."""
+        return float(np.nan_to_num(self.seen["retro"], nan=1.0))
+
+    def quantities(self) -> list[Quantity]:
+        """Return everything in numbers, with uncertainties."""
+        found = [
+            Quantity(
+                f"{_SAID[name]} ({'yes' if test.holds else 'no'}), values differ by",
+                100.0 * test.difference,
+                known(100.0 * test.uncertainty),
+                "%",
+            )
             for name, test in self.tests.items()
         ]
-        width = "none" if self.width is None else f"half width {np.degrees(self.width):.2g}°"
-        return [
-            *said,
-            f"noise: {100 * self.noise:.2g} ± {100 * self.noise_uncertainty:.1g} %",
-            f"highlight: {width}, peak {self.peak:.3g}/sr over a body of {self.body:.3g}/sr",
-            f"retro-reflection: {self.retro:.2g} of the body",
-            f"dynamic range: {self.dynamic_range:.1f} EV",
-        ]
+        noise, error = 100.0 * self.noise, 100.0 * self.noise_uncertainty
+        found.append(Quantity("noise of the rig", noise, known(error), "%"))
+        for name, label, unit, factor in _NUMBERS:
+            value, error = (known(factor * of[name]) for of in (self.seen, self.errors))
+            found.append(Quantity(label, value, error if value is not None else None, unit))
+        return found
+
+
+_SAID = {
+    "isotropic": "isotropic",
+    "reciprocal": "reciprocal",
+    "mirror": "mirror symmetric",
+    "half_turn": "the same after half a turn",
+    "bivariate": "the same at all phi_d",
+}
+_NUMBERS = (  # key, what it is, unit, factor to this unit
+    ("width", "highlight, half width", "°", float(np.degrees(1.0))),
+    ("peak", "highlight, largest value seen", "1/sr", 1.0),
+    ("body", "body, median", "1/sr", 1.0),
+    ("retro", "retro-reflection over what lies beside", "", 1.0),
+    ("dynamic_range", "dynamic range", "EV", 1.0),
+    *(
+        (f"{name}_{number}", f"{label}, {channel} of its largest channel", "%", 100.0)
+        for name, label in (("peak", "colour of the highlight"), ("body", "colour of the body"))
+        for number, channel in enumerate(("red", "green", "blue"))
+    ),
+)
+
+
+def known(value: float) -> float | None:
+    """Return a number, or None where it is NaN or infinite."""
+    return float(value) if np.isfinite(value) else None
 
 
 def describe(pilot: Pilot, values: np.ndarray) -> Description:
@@ -114,26 +158,11 @@ def describe(pilot: Pilot, values: np.ndarray) -> Description:
         "reciprocal": _test(by_name["swapped"], nudged),
         "mirror": _test(by_name["mirrored"], nudged),
         "half_turn": _test(by_name["half_turned"], nudged),
+        "bivariate": _test(by_name["phi_d_turned"], nudged),
     }
     at = to_half_difference(pilot.wi, pilot.wv)
-    away = at.theta_h > np.radians(25.0)
-    body = values[away] if np.any(away) else values
-    middle = np.median(body, axis=0)
-    top = values[np.argmax(means)]
-    body_level = max(float(middle.mean()), 1e-12)
-    back = (at.theta_d < np.radians(2.0)) & away
-    positive = means[means > 0.0]
     return Description(
-        tests=found,
-        noise=noise,
-        noise_uncertainty=noise_error,
-        peak=float(top.mean()),
-        body=float(middle.mean()),
-        peak_colour=_colour(top),
-        body_colour=_colour(middle),
-        width=_half_width(at.theta_h, means, body_level),
-        retro=float(means[back].max() / body_level) if np.any(back) else 1.0,
-        dynamic_range=float(np.log2(positive.max() / positive.min())) if len(positive) else 0.0,
+        found, noise, noise_error, numbers(at, values), uncertainties(at, values, noise)
     )
 
 
@@ -142,7 +171,7 @@ def _noise(differences: np.ndarray) -> tuple[float, float]:
     if len(differences) == 0:
         return 0.0, 0.0
     noise = float(np.median(differences) / (np.sqrt(2.0) * 0.6745))
-    return noise, noise / np.sqrt(2.0 * len(differences))
+    return noise, _OF_MEDIAN * noise / np.sqrt(len(differences))
 
 
 def _test(differences: np.ndarray, nudged: np.ndarray) -> Test:
@@ -166,17 +195,3 @@ def _as_noise(differences: np.ndarray, nudged: np.ndarray) -> bool:
     spread = float(nudged.std()) / np.sqrt(count) * (1.0 + 4.0 / count)
     least = _SAME + 2.0 * float(nudged.mean()) + _DEVIATIONS * spread
     return bool(differences.mean() <= least)
-
-
-def _colour(value: np.ndarray) -> tuple[float, float, float]:
-    red, green, blue = value / max(float(value.max()), 1e-12)
-    return float(red), float(green), float(blue)
-
-
-def _half_width(theta_h: np.ndarray, means: np.ndarray, body: float) -> float | None:
-    """Return theta_h beyond which values stay below halfway between body and peak, in logs."""
-    peak = float(means.max())
-    if peak < 2.0 * body:
-        return None
-    above = means > np.sqrt(peak * body)
-    return float(np.median(theta_h[above]))

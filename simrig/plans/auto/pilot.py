@@ -1,9 +1,9 @@
 """The pilot: a few pairs of directions that tell what kind of material it is.
 
 Groups of related pairs differ by one operation each (turned, swapped, mirrored, turned by 180°,
-turned by less than a degree), so that a symmetry shows as equal values and noise as unequal ones
-of pairs that are all but the same. The other pairs spread over all angles, half of them dense at
-small theta_h where highlights are.
+turned by less than a degree, turned in phi_d), so that a symmetry shows as equal values and noise
+as unequal ones of pairs that are all but the same. The other pairs spread over all angles, half of
+them dense at small theta_h where highlights are.
 """
 
 from __future__ import annotations
@@ -21,7 +21,16 @@ _MOST_GROUPS = 16
 _NUDGE = np.radians(0.7)
 _NARROW = np.radians(0.3)  # the narrowest highlight that the dense half looks for
 # a turn of 90° alone leaves what is mirror symmetric in x and y as it is at 45°
-OPERATIONS = ("pair", "turned_45", "turned_90", "swapped", "mirrored", "half_turned", "nudged")
+OPERATIONS = (
+    "pair",
+    "turned_45",
+    "turned_90",
+    "swapped",
+    "mirrored",
+    "half_turned",
+    "nudged",
+    "phi_d_turned",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +39,7 @@ class Pilot:
 
     Attributes:
         wi, wv: (n, 3) unit vectors.
-        groups: (g, 7) numbers of the pairs of each group, in the order of ``OPERATIONS``.
+        groups: (g, 8) numbers of the pairs of each group, in the order of ``OPERATIONS``.
     """
 
     wi: np.ndarray
@@ -63,7 +72,7 @@ def pilot_pairs(samples: int, theta_i_max: float, theta_v_max: float, seed: int 
 
 
 def group_pairs(count: int, reach: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return groups of related pairs, (7·count, 3) each."""
+    """Return groups of related pairs, (8·count, 3) each."""
     steps = (np.arange(count) + 0.5) / count
     uniform = qmc.Halton(3, seed=seed).random(count)
     theta_h = 0.55 * reach * steps**2 + np.radians(0.5)
@@ -77,8 +86,9 @@ def group_pairs(count: int, reach: float, seed: int) -> tuple[np.ndarray, np.nda
     (i45, v45), (i90, v90), (i180, v180), (near_i, near_v) = (
         (_turned(wi, turn), _turned(wv, turn)) for turn in turns
     )
-    first = np.stack([wi, i45, i90, wv, wi * mirror, i180, near_i], axis=1)
-    second = np.stack([wv, v45, v90, wi, wv * mirror, v180, near_v], axis=1)
+    beside_i, beside_v = from_half_difference(theta_h, phi_h, theta_d, phi_d + 0.5 * np.pi)
+    first = np.stack([wi, i45, i90, wv, wi * mirror, i180, near_i, beside_i], axis=1)
+    second = np.stack([wv, v45, v90, wi, wv * mirror, v180, near_v, beside_v], axis=1)
     return first.reshape(-1, 3), second.reshape(-1, 3)
 
 

@@ -19,8 +19,10 @@ from simrig.core.options import Option
 from simrig.directions.spherical import to_angles
 from simrig.plans.auto.batches import next_batch, travel_order
 from simrig.plans.auto.description import describe
-from simrig.plans.auto.findings import findings_of, layout_of
+from simrig.plans.auto.families import FAMILIES, Choice, Shares, choose, family_named
+from simrig.plans.auto.findings import Doubt, findings_of, layout_of
 from simrig.plans.auto.pilot import Pilot, pilot_pairs
+from simrig.plans.auto.told import told
 from simrig.plans.listed import Directions
 from simrig.plans.protocol import Batches, Plan
 
@@ -33,8 +35,6 @@ _BATCHES = 6
 _BATCHES_UNTIL = 14  # when the predicted error decides: more, smaller ones
 _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
-_EVEN = {True: 0.1, False: 0.5}  # of the candidates, isotropic or not
-_LOBES = 0.1  # of the candidates, near highlights and where light goes back
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
 _PROBED = 512  # pairs that pictures show, for the bounds of effects
 _CLEARLY = 0.9  # another symmetry must predict this much better
@@ -52,10 +52,11 @@ class AutomaticPlan(Plan):
         theta_i_max, theta_v_max: how far the rig looks, radians.
         until: predicted ΔE at which to stop before; None takes all samples.
         seed: of the directions.
-        assumed: a symmetry that is taken as given, in the place of what the pilot says.
+        family: that is measured whatever the pilot says, a key of ``FAMILIES``; None leaves it to
+            the pilot.
 
     Raises:
-        SimrigError: too few samples, or numbers that cannot be.
+        SimrigError: too few samples, an unknown family, or numbers that cannot be.
     """
 
     name: ClassVar[str] = "auto"
@@ -64,6 +65,7 @@ class AutomaticPlan(Plan):
     options: ClassVar[tuple[Option, ...]] = (
         Option("samples", int, "At most so many.", 1000, least=1, short="-n"),
         Option("until", float, "Stop where this mean ΔE is predicted; takes all else.", least=0.0),
+        Option("family", str, "Measured so whatever the pilot says.", choices=tuple(FAMILIES)),
         Option("plan_seed", int, "Of the directions.", 0, least=0),
     )
 
@@ -72,7 +74,7 @@ class AutomaticPlan(Plan):
     theta_v_max: float = float(np.radians(LARGEST_THETA_V_DEG))
     until: float | None = None
     seed: int = 0
-    assumed: Symmetry | None = None
+    family: str | None = None
 
     def __post_init__(self) -> None:
         if self.samples < LEAST_SAMPLES:
@@ -82,6 +84,8 @@ class AutomaticPlan(Plan):
             )
         if self.until is not None and not 0.0 < self.until < float("inf"):
             raise SimrigError(f"the ΔE to stop at must be a number above 0, got {self.until:g}")
+        if self.family is not None:
+            family_named(self.family)
         for theta in (self.theta_i_max, self.theta_v_max):
             if not 0.0 < theta < 0.5 * np.pi:
                 raise SimrigError("the largest theta of a plan must lie between 0 and 90 degrees")
@@ -93,18 +97,17 @@ class AutomaticPlan(Plan):
         *,
         samples: int = 1000,
         until: float | None = None,
+        family: str | None = None,
         plan_seed: int = 0,
     ) -> AutomaticPlan:
         """Return the plan for a material, within its data (see the class)."""
-        plan = cls(samples, until=until, seed=plan_seed)
+        plan = cls(samples, until=until, seed=plan_seed, family=family)
         return plan if material is None else plan.within(material.theta_max)
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], angles: np.ndarray) -> Self:
         """Return the plan of a stored measurement (see ``Plan.restored``)."""
-        given = settings["assumed"]
-        assumed = None if given is None else Symmetry.from_dict(given)
-        return cls(**{**settings, "assumed": assumed})
+        return cls(**{name: value for name, value in settings.items() if name != "assumed"})
 
     def check_layout(self, angles: np.ndarray, layout: Mapping[str, np.ndarray]) -> None:
         """Refuse what are no findings (see ``simrig.plans.auto.findings``)."""
@@ -134,7 +137,13 @@ class AutomaticPlan(Plan):
         """Return the plan in words."""
         i, v = np.degrees([self.theta_i_max, self.theta_v_max])
         goal = "" if self.until is None else f", until ΔE = {self.until:g} is predicted"
-        return f"automatic, theta_i to {i:.3g}°, theta_v to {v:.3g}°{goal}"
+        wished = "" if self.family is None else f", family {self.family}"
+        return f"automatic, theta_i to {i:.3g}°, theta_v to {v:.3g}°{wished}{goal}"
+
+    def found(self, values: np.ndarray, layout: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return what the pilot saw, which family that gave, and how good it is predicted to be."""
+        seen = describe(self.pilot(), values[: len(self.pilot().wi)])
+        return told(seen, choose(seen, self.family), findings_of(layout))
 
     def pilot(self) -> Pilot:
         """Return the pilot in the order of measurement."""
@@ -153,7 +162,7 @@ class AutomaticPlan(Plan):
             try:
                 angles = asked.send(values)
             except StopIteration:
-                return layout_of(work.symmetries, work.predictions)
+                return layout_of(work.symmetries, work.predictions, work.doubts)
             values = (yield angles).values
 
 
@@ -165,20 +174,23 @@ class _Run:
         plan: that is carried out.
         symmetries: how many samples there were when each was taken.
         predictions: ΔE that was predicted with so many samples.
+        doubts: what spoke against the family that the user wished.
     """
 
     plan: AutomaticPlan
     symmetries: list[tuple[int, Symmetry]] = field(default_factory=list)
     predictions: list[tuple[int, float]] = field(default_factory=list)
+    doubts: list[Doubt] = field(default_factory=list)
 
     def asked(self) -> Asked:
         plan = self.plan
         pilot = plan.pilot()
         values = yield _angles(pilot.wi, pilot.wv)
-        symmetry = plan.assumed or describe(pilot, values).symmetry
-        self.symmetries.append((len(values), symmetry))
+        seen = describe(pilot, values)
+        choice = choose(seen, plan.family)
+        self.symmetries.append((len(values), choice.symmetry))
         samples = Samples(pilot.wi, pilot.wv, values, plan.theta_i_max, plan.theta_v_max)
-        model = fit_model(samples, symmetry, evaluations=200)
+        model = fit_model(samples, choice.symmetry, evaluations=200)
         count = _BATCHES if plan.until is None else _BATCHES_UNTIL
         ends = np.geomspace(len(samples), plan.samples, count + 1).round().astype(int)[1:]
         for number, end in enumerate(ends):
@@ -187,50 +199,57 @@ class _Run:
             wanted = int(end) - len(model.samples)
             if wanted <= 0:
                 continue
-            wi, wv = self._batch(model, wanted, number)
+            wi, wv = self._batch(model, replace(choice, symmetry=model.symmetry), wanted, number)
             more = model.samples.with_more(wi, wv, (yield _angles(wi, wv)))
             model = fit_model(more, model.symmetry, model.parameters, 100, profile=model.profile)
             model = with_profile(model)
-            if number in _LOOKS_BACK and plan.assumed is None:
-                model = self._looked_back(model)
+            if number in _LOOKS_BACK or (model.symmetry.bivariate and end == ends[-1]):
+                model = self._looked_back(model, seen.bivariate)
         self._predicted(model)
         return model
 
     def _batch(
-        self, model: KrigingModel, wanted: int, number: int
+        self, model: KrigingModel, choice: Choice, wanted: int, number: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        wi, wv = self._candidates(model.symmetry, number)
+        wi, wv = self._candidates(choice.shares, number)
         angles = half_difference_angles(wi, wv, model.symmetry.axis)
         chosen = next_batch(model, angles, np.ones(len(wi), dtype=bool), wanted)
         chosen = chosen[travel_order(wi[chosen], wv[chosen])]
         return wi[chosen], wv[chosen]
 
-    def _candidates(self, symmetry: Symmetry, number: int) -> tuple[np.ndarray, np.ndarray]:
+    def _candidates(self, shares: Shares, number: int) -> tuple[np.ndarray, np.ndarray]:
         plan = self.plan
         count = max(_CANDIDATES, _CANDIDATES_PER_SAMPLE * plan.samples)
-        even, lobes = int(_EVEN[symmetry.isotropic] * count), int(_LOBES * count)
+        even, cores = int(shares.even * count), int(shares.cores * count)
+        lobes = cores + int(shares.back * count)
         seed = 1000 * plan.seed + 2 * number
         reach = plan.theta_i_max, plan.theta_v_max
         parts = (
             displayed_pairs(count - even - lobes, *reach, seed),
             even_pairs(even, *reach, seed + 1),
-            lobe_pairs(lobes, min(reach), seed),
+            lobe_pairs(lobes, min(reach), seed, cores),
         )
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
-    def _looked_back(self, model: KrigingModel) -> KrigingModel:
+    def _looked_back(self, model: KrigingModel, bivariate: bool) -> KrigingModel:
         """Return the model, or that of a symmetry that predicts left-out samples clearly better.
 
         Samples lie at all azimuths and in both orders, whatever was assumed, so that they show
-        what a pilot missed.
+        what a pilot missed. What a user wished stays, and the doubt is told.
         """
         least = left_out_error(model)
         best = model
-        for symmetry in _alternatives(model.symmetry):
+        for symmetry in _alternatives(model.symmetry, bivariate):
             other = fit_model(model.samples, symmetry, evaluations=100)
             error = left_out_error(other)
             if error < _CLEARLY * least:
                 best, least = other, error
+        wished = self.plan.family
+        if wished is not None and FAMILIES[wished].shape is not None:
+            if best is not model:
+                share = least / left_out_error(model)
+                self.doubts.append(Doubt(len(model.samples), best.symmetry, share))
+            return model
         if best is not model:
             self.symmetries.append((len(model.samples), best.symmetry))
         return best
@@ -247,10 +266,19 @@ def _angles(wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
     return np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
 
 
-def _alternatives(symmetry: Symmetry) -> list[Symmetry]:
-    """Return the symmetries that differ in one, and in reciprocity where isotropy is in doubt."""
-    flags = symmetry.as_dict()
-    if not symmetry.isotropic:
+def _alternatives(symmetry: Symmetry, bivariate: bool) -> list[Symmetry]:
+    """Return the symmetries that differ in one, and in reciprocity where isotropy is in doubt.
+
+    Args:
+        symmetry: that is in use.
+        bivariate: whether the pilot allows that phi_d does not matter.
+    """
+    flags = {**symmetry.as_dict(), "bivariate": False}
+    if symmetry.bivariate:
+        turned = [flags, {**flags, "reciprocal": False}]
+        turned += [{**flags, "isotropic": False, "reciprocal": swap} for swap in (True, False)]
+        turned.append({**flags, "isotropic": False, "mirror": False})
+    elif not symmetry.isotropic:
         turned = [
             {**flags, name: not flags[name]} for name in ("reciprocal", "mirror", "half_turn")
         ]
@@ -262,4 +290,6 @@ def _alternatives(symmetry: Symmetry) -> list[Symmetry]:
             for swap in (True, False)
             for both in (True, False)
         ]
+        if bivariate and symmetry.reciprocal and symmetry.mirror:
+            turned.append({**flags, "bivariate": True})
     return [Symmetry(**own) for own in turned]

@@ -1,0 +1,53 @@
+"""What an automatic plan tells: the pilot's description, the family and why, what was assumed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from simrig.plans.auto.description import Description
+from simrig.plans.auto.families import Choice, shape_of
+from simrig.plans.auto.findings import Findings
+
+
+def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any]:
+    """Return plain values for the provenance of a measurement (see ``Plan.found``).
+
+    Args:
+        seen: by the pilot.
+        choice: that followed from it.
+        findings: of the whole measurement.
+
+    Returns:
+        ``lines``: for people; ``families``: names, the last shape first; ``why``: one line;
+        ``reciprocity``: what was assumed; ``pilot``: quantities with uncertainty and unit;
+        ``predicted_delta_e`` and ``predictions``: (samples, ΔE); ``warnings``.
+    """
+    shape = shape_of(findings.symmetry)
+    names = [shape.name, *(family.name for family in choice.families if family.shape is None)]
+    why, reciprocity = findings.why(choice.why), _reciprocity(seen, findings)
+    quantities = seen.quantities()
+    count = findings.symmetries[0][0]
+    return {
+        "lines": [
+            f"family: {why}",
+            reciprocity,
+            *(f"pilot of {count} samples, {quantity}" for quantity in map(str, quantities)),
+            f"predicted ΔE {findings.predicted_delta_e:.2g}",
+        ],
+        "families": names,
+        "why": why,
+        "reciprocity": reciprocity,
+        "pilot": [quantity.as_dict() for quantity in quantities],
+        "pilot_samples": count,
+        "predicted_delta_e": findings.predicted_delta_e,
+        "predictions": [list(each) for each in findings.predictions],
+        "warnings": findings.warnings(),
+    }
+
+
+def _reciprocity(seen: Description, findings: Findings) -> str:
+    """Return in one line what was assumed about swapping light and view."""
+    differ = f"swapped pairs differ by {seen.tests['reciprocal']}"
+    if findings.symmetry.reciprocal:
+        return f"reciprocity was assumed, each sample counts in both orders ({differ})"
+    return f"reciprocity was not assumed, samples lie in both orders ({differ})"
