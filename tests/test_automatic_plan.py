@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from command_line import done, refusal, simrig
 
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.brdf.kriging.symmetry import Symmetry
@@ -14,6 +15,7 @@ from simrig.core.arrays import components, scale, vector
 from simrig.core.errors import SimrigError
 from simrig.directions.half_difference import to_half_difference
 from simrig.directions.spherical import to_angles, to_vector
+from simrig.front_door.saving import with_hours_saved
 from simrig.methods import METHODS
 from simrig.plans.auto.batches import travel_order
 from simrig.plans.auto.description import describe
@@ -379,3 +381,40 @@ def test_real_materials_need_fewer_samples_than_slices(shared_data):
     expected = np.cbrt(truth.eval(wi, wv))
     off = [np.abs(np.cbrt(made.brdf.eval(wi, wv)) - expected).mean() for made in (auto, slices)]
     assert off[0] < 0.2 * off[1]
+
+
+@pytest.mark.usefixtures("in_empty_folder")
+def test_the_command_stops_in_time_and_says_what_that_saved():
+    wished = ("measure", "wood01", "--ideal", "-n", "900", "--until", "dE=3", "--output", "m.h5")
+    data = done(*wished)
+    assert data["plan"] == "auto" and data["cost"]["samples"] < 900
+    saved = data["found"]["saved"]
+    spent = data["cost"]["hardware_seconds"] / 3600.0
+    assert saved["hours"] == pytest.approx(spent)
+    assert saved["saved_hours"] == pytest.approx(saved["budget_hours"] - spent) and spent > 0.0
+    rival = saved["slices"]
+    assert rival["samples"] == 1060 and rival["reached"] and rival["delta_e"] <= 3.0
+    assert rival["saved_hours"] == pytest.approx(rival["hours"] - spent)
+    assert Measurement.load("m.h5").provenance["found"] == data["found"]
+    text = " ".join(simrig(*wished, "--overwrite").stdout.split())
+    for part in ("saved", "against adaptive slices", "family: anisotropic", "noise of the rig"):
+        assert part in text
+
+
+@pytest.mark.usefixtures("in_empty_folder")
+def test_goals_and_families_that_cannot_be_are_refused():
+    measure = ("measure", "wood01", "--output", "m.h5")
+    assert "write dE=1, not psnr=40" in refusal(*measure, "--until", "psnr=40")
+    assert "is no tolerance" in refusal(*measure, "--until", "nan")
+    assert "tolerance" in refusal(*measure, "--until", "dE=-1")
+    assert "'isotropic'" in refusal(*measure, "--family", "isotropc")
+    assert "slices has no --until, auto has" in " ".join(
+        refusal(*measure, "--plan", "slices", "--until", "dE=1").replace("'", "").split()
+    )
+
+
+def test_a_measurement_that_predicts_nothing_saves_nothing():
+    rig = Gonioreflectometer()
+    plan = METHODS["regular-grid"].plan(None, 60)
+    with pytest.raises(SimrigError, match="predicts no error"):
+        with_hours_saved(rig.measure(Lambert(), plan), rig)

@@ -13,6 +13,7 @@ from simrig.cli.declared import Declarers, given_options
 from simrig.cli.options import Material, Overwrite
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
+from simrig.core.tables import text_table
 
 if TYPE_CHECKING:
     from simrig.core.effects import Overrides
@@ -57,7 +58,7 @@ def measure(
     kill) the same command goes on from there, with the same result as without the interruption.
     """
     from simrig.core.effects import Overrides
-    from simrig.plans.registry import PLANS
+    from simrig.plans.registry import PLANS, implied_plan
     from simrig.rigs.registry import RIGS, make_rig
 
     device = make_rig(rig, **given_options(context, RIGS.values()))
@@ -74,9 +75,8 @@ def measure(
             effects.tolerance or effect_options.DEFAULT_TOLERANCE,
             Overrides(**effects.overrides),
         )
-    device, measurement = measured(
-        material, output, overwrite, device, plan or device.default_plan, wishes, chosen
-    )
+    name = plan or implied_plan(wishes, device.default_plan)
+    device, measurement = measured(material, output, overwrite, device, name, wishes, chosen)
     return _report(output, measurement, device)
 
 
@@ -101,6 +101,7 @@ def measured(
     from simrig.core.effects import parse_tolerance
     from simrig.core.options import checked_options
     from simrig.files.checkpoint import recording_folder
+    from simrig.front_door.saving import with_hours_saved
     from simrig.plans.registry import PLANS, make_plan, plan_type
 
     checked_options(plan_type(plan), wishes, PLANS.values(), "plan")
@@ -121,6 +122,9 @@ def measured(
                 keep=lambda measured: measured.save(output),
                 progress=report,
             )
+        if wishes.get("until") is not None:
+            measurement = with_hours_saved(measurement, device)
+            measurement.save(output)
     return device, measurement
 
 
@@ -129,10 +133,10 @@ def _report(output: Path, measurement: Measurement, rig: Rig) -> frame.Report:
     cost, effects = measurement.cost, rig.effect_plan
     hours = cost.hardware_hours
     time = f"{hours:.1f} h" if hours >= 0.5 else f"{60.0 * hours:.1f} min"
-    layout = measurement.plan.describe()
-    tables = []
+    layout, found = measurement.plan.describe(), measurement.provenance.get("found", {})
+    tables = [_pilot(found)] if "pilot" in found else []
     if effects:
-        tables = [effect_options.plan_table(effects, f"effects at {effects.tolerance}")]
+        tables.append(effect_options.plan_table(effects, f"effects at {effects.tolerance}"))
     return frame.Report(
         data={
             "output": output,
@@ -143,11 +147,31 @@ def _report(output: Path, measurement: Measurement, rig: Rig) -> frame.Report:
             "settings": measurement.plan.settings(),
             "effects": effects.as_dict() if effects else None,
             "cost": cost.as_dict(),
+            "found": found or None,
             "provenance": dict(measurement.provenance),
         },
         shown=[
             f"{output}: {cost.samples} samples of {measurement.material}, {layout}",
             f"cost: {time} of simulated hardware, {cost.compute_seconds:.2f} s of computing",
+            *found.get("lines", []),
             *tables,
         ],
     )
+
+
+def _pilot(found: Mapping[str, Any]) -> Any:
+    """Return what the pilot saw as a table."""
+    rows = [
+        (
+            quantity["name"],
+            *(_digits(quantity[key], n) for key, n in (("value", 3), ("uncertainty", 1))),
+            quantity["unit"],
+        )
+        for quantity in found["pilot"]
+    ]
+    title = f"pilot of {found['pilot_samples']} samples"
+    return text_table(title, ("quantity", "value", "±", "unit"), rows, left=(0, -1))
+
+
+def _digits(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{float(f'{value:.{digits}g}'):g}"

@@ -16,7 +16,7 @@ from simrig.mesostructure import Tile
 from simrig.methods import method as method_named
 from simrig.methods import method_for
 from simrig.plans.protocol import Plan
-from simrig.plans.registry import make_plan
+from simrig.plans.registry import implied_plan, make_plan
 from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.protocol import Rig
 from simrig.rigs.registry import make_rig
@@ -43,13 +43,14 @@ def measure(
             (.toml).
         plan: where to measure, or the name of a plan: ``slices``, ``auto``, ``uniform``,
             ``regular-grid``, ``scheme``, ``gantry``, ``directions``; by default what the rig is
-            made for, of a gonioreflectometer adaptive slices.
+            made for, of a gonioreflectometer adaptive slices; ``until``, ``family`` imply ``auto``.
         tolerance: chooses the effects of the rig that are simulated, ``dE=0.5`` and the like (see
             ``plan``); None for an ideal rig without any. A gantry is always ideal.
         checkpoint: folder that keeps what is measured so far; an interrupted measurement goes on
             from it with the same result.
         progress: called with the samples done and in total.
-        options: of the plan, such as ``theta_max_deg=70`` or ``family="isotropic"``; see ``simrig measure --help``.
+        options: of the plan, such as ``theta_max_deg=70``, ``until=1.0`` or ``family="isotropic"``;
+            see ``simrig measure --help``.
 
     Returns:
         Directions (n, 4) in radians, values (n, 3) of f_r in 1/sr, their uncertainty where it is
@@ -75,7 +76,8 @@ def measure(
     elif plan is not None and not isinstance(plan, str):
         raise SimrigError(f"a plan or the name of one is needed, got {type(plan).__name__}")
     else:
-        chosen = make_plan(plan or device.default_plan, subject, samples=samples, **options)
+        name = plan or implied_plan(options, device.default_plan)
+        chosen = make_plan(name, subject, samples=samples, **options)
     allowed = parse_tolerance(tolerance) if isinstance(tolerance, str) else tolerance
     if not device.effect_names and tolerance == DEFAULT_TOLERANCE:
         allowed = None

@@ -61,6 +61,7 @@ class Plan(ABC):
         name: its key in ``simrig.plans.registry.PLANS``, lower case with hyphens.
         about: one line.
         options: what ``for_material`` takes.
+        implied_by: options that choose this plan where none is named.
         adaptive: whether directions depend on what was recorded, which costs the rig time.
         pictures: whether the rig must record pictures and not values alone.
     """
@@ -68,6 +69,7 @@ class Plan(ABC):
     name: ClassVar[str]
     about: ClassVar[str]
     options: ClassVar[tuple[Option, ...]] = ()
+    implied_by: ClassVar[tuple[str, ...]] = ()
     adaptive: ClassVar[bool] = False
     pictures: ClassVar[bool] = False
 

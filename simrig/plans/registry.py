@@ -43,6 +43,12 @@ def plan_type(name: str) -> type[Plan]:
     return PLANS[name]
 
 
+def implied_plan(options: Mapping[str, Any], otherwise: str) -> str:
+    """Return the name of the plan that options choose by themselves, as ``until`` does."""
+    given = {name for name, value in options.items() if value is not None}
+    return next((p.name for p in PLANS.values() if given & set(p.implied_by)), otherwise)
+
+
 def make_plan(name: str, material: Brdf | None = None, **options: Any) -> Plan:
     """Return a plan by name.
 

@@ -62,7 +62,8 @@ class Findings:
             reasons: of the first choice, where they are known.
         """
         (count, first), *later = self.symmetries
-        said = [f"{first.describe()} ({reasons or 'by the pilot'}, {count} samples)"]
+        by = f"by {count} samples of the pilot"
+        said = [f"{first.describe()} ({f'{by}: {reasons}' if reasons else by})"]
         said += [f"then {own.describe()} (by {n} samples, each left out)" for n, own in later]
         return "; ".join([*said, *self.warnings()])
 

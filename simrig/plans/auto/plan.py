@@ -14,6 +14,7 @@ from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pair
 from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
 from simrig.brdf.kriging.predicted import predicted_delta_e
 from simrig.brdf.kriging.symmetry import Symmetry
+from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.core.options import Option
 from simrig.directions.spherical import to_angles
@@ -43,6 +44,20 @@ _CLEARLY = 0.9  # another symmetry must predict this much better
 Asked = Generator[np.ndarray, np.ndarray, KrigingModel]
 
 
+class Goal(Option):
+    """A predicted ΔE: a number, or text such as ``dE=1``."""
+
+    def checked(self, value: Any) -> float:
+        """Return the ΔE (see ``Option.checked``)."""
+        if not isinstance(value, str):
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            value = f"dE={value}" if number else str(value)
+        goal = parse_tolerance(value if "=" in value else f"dE={value}")
+        if goal.metric != "dE" or not np.isfinite(goal.value):
+            raise SimrigError(f"{self.flag} is a predicted ΔE: write dE=1, not {value}")
+        return goal.value
+
+
 @dataclass(frozen=True)
 class AutomaticPlan(Plan):
     """Looks first, then measures where it shows.
@@ -60,11 +75,12 @@ class AutomaticPlan(Plan):
     """
 
     name: ClassVar[str] = "auto"
+    implied_by: ClassVar[tuple[str, ...]] = ("until", "family")
     about: ClassVar[str] = "looks first, then measures where errors would show"
     adaptive: ClassVar[bool] = True
     options: ClassVar[tuple[Option, ...]] = (
         Option("samples", int, "At most so many.", 1000, least=1, short="-n"),
-        Option("until", float, "Stop where this mean ΔE is predicted; takes all else.", least=0.0),
+        Goal("until", str, "Stop where this mean ΔE is predicted (dE=1); takes all else."),
         Option("family", str, "Measured so whatever the pilot says.", choices=tuple(FAMILIES)),
         Option("plan_seed", int, "Of the directions.", 0, least=0),
     )

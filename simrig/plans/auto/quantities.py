@@ -38,13 +38,6 @@ class Quantity:
     uncertainty: float | None
     unit: str = ""
 
-    def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        if self.value is None:
-            return f"{self.name}: none"
-        spread = "" if self.uncertainty is None else f" ± {self.uncertainty:.1g}"
-        return f"{self.name}: {self.value:.3g}{spread}{unit}"
-
     def as_dict(self) -> dict[str, Any]:
         """Return plain values."""
         return asdict(self)

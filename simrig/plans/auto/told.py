@@ -31,7 +31,6 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
         "lines": [
             f"family: {why}",
             reciprocity,
-            *(f"pilot of {count} samples, {quantity}" for quantity in map(str, quantities)),
             f"predicted ΔE {findings.predicted_delta_e:.2g}",
         ],
         "families": names,

@@ -96,11 +96,13 @@ class Measurement(Shown):
         picture = beside(
             [disc(self.theta_i, self.phi_i, colours), disc(self.theta_v, self.phi_v, colours)]
         )
+        found = self.provenance.get("found", {})
         facts = {
             "plan": self.plan.describe(),
             "rig": str(self.provenance.get("rig", "not told")),
             "cost": str(self.cost),
             "error": self._uncertainty_text(),
+            **({"family": found["why"]} if "why" in found else {}),
             "picture": "directions of light (left) and view (right) from above, f_r in colour",
         }
         return Exhibit(f"Measurement of {self.material}", facts, picture)
