@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pytest
-from command_line import done, refusal, simrig
 
+from command_line import done, refusal, simrig
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.protocol import Brdf
