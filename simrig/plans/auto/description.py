@@ -105,8 +105,8 @@ class Description:
         noise, error = 100.0 * self.noise, 100.0 * self.noise_uncertainty
         found.append(Quantity("noise of the rig", noise, known(error), "%"))
         for name, label, unit, factor in _NUMBERS:
-            value, error = (known(factor * of[name]) for of in (self.seen, self.errors))
-            found.append(Quantity(label, value, error if value is not None else None, unit))
+            value, spread = (known(factor * of[name]) for of in (self.seen, self.errors))
+            found.append(Quantity(label, value, None if value is None else spread, unit))
         return found
 
 
