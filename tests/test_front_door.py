@@ -300,4 +300,4 @@ def test_the_automatic_plan_measures_and_its_file_is_reconstructed(tmp_path: Pat
     with pytest.raises(SimrigError, match="plan"):
         sr.measure(satin, plan="autto")
     with pytest.raises(SimrigError, match="until"):
-        sr.measure(satin, until=1.0)
+        sr.measure(satin, plan="slices", until=1.0)

@@ -51,6 +51,34 @@ def test_materials_are_rebuilt_from_grids(brdf, samples, limit, tmp_path):
     assert np.array_equal(again.eval(wi, wv), made.eval(wi, wv))
 
 
+def test_a_diffuse_body_loses_no_light_between_views():
+    made = METHODS["visible-normals"].reconstruct(measured(Lambert((1.0, 1.0, 1.0)), 600))
+    assert "f_r interpolated between views" in made.notes[1]
+    light = to_vector(np.radians([0.0, 20.0, 40.0, 60.0]), 0.5)
+    for view in np.radians([15.0, 35.0, 65.0, 75.0]):  # nodes lie at 0°, 54° and 85°
+        found = made.brdf.eval(light, np.broadcast_to(to_vector(view, 0.0), (4, 3)))
+        assert found == pytest.approx(1.0 / np.pi, rel=5e-3)
+
+
+def test_a_highlight_is_interpolated_as_it_is_stored():
+    shiny = Ward((0.1,) * 3, (0.3,) * 3, 0.05, 0.05)
+    made = METHODS["visible-normals"].reconstruct(measured(shiny, 3000))
+    assert "f_r interpolated" not in made.notes[1]
+    assert error(shiny, made.brdf) < 8.0
+
+
+def test_effects_are_bound_without_measuring_first():
+    material = Ward(m_x=0.3, m_y=0.3)
+    plan = VisibleNormalsPlan.for_material(material, samples=3000)
+    probe = plan.probe(400)
+    angles = np.concatenate(list(probe.batches()))
+    assert 200 < len(angles) <= 400
+    assert angles[:, 0].max() <= plan.theta_i_max + 1e-9
+    assert angles[:, 1].max() <= plan.theta_v_max + 1e-9
+    back = np.all(np.abs(angles[:, :2] - angles[:, 1::-1]) < 1e-9, axis=1)
+    assert np.sum(back) > 50  # retro-reflection is where the plan looks first
+
+
 def test_values_at_nodes_come_back():
     satin = kurt_material("purple_satin")
     measurement = measured(satin, 6000)

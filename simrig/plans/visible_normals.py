@@ -7,12 +7,14 @@ places a grid of illumination directions for each view. Nodes below the horizon 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from simrig.brdf.kriging.displayed import displayed_pairs
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.visible_normals import (
     grid_of_view,
@@ -27,6 +29,7 @@ from simrig.core.options import Option
 from simrig.directions.spherical import to_angles, to_vector
 from simrig.plans.auto.description import describe
 from simrig.plans.auto.pilot import OPERATIONS, Pilot, group_pairs
+from simrig.plans.listed import Directions
 from simrig.plans.protocol import Batches, Plan
 
 if TYPE_CHECKING:
@@ -82,11 +85,32 @@ class TableSizes:
             raise SimrigError("the sizes of its tables cannot be")
         return cls(bool(isotropic), bool(mirror), rows, columns, thetas, phis, side)
 
-    def phi_nodes(self) -> np.ndarray:
+    @property
+    def half(self) -> bool:
+        """Whether the tables are their own mirror images in rows, and half is measured."""
+        return self.isotropic and self.mirror
+
+    def phi_nodes(self, finer: int = 1) -> np.ndarray:
         """Return the azimuths of views: one, half a turn of them, or a full one."""
         if self.isotropic:
             return np.zeros(1)
-        return np.linspace(-np.pi, 0.0 if self.mirror else np.pi, self.phis)
+        count = (self.phis - 1) * finer + 1
+        return np.linspace(-np.pi, 0.0 if self.mirror else np.pi, count)
+
+
+class Finer(NamedTuple):
+    """How many times as many nodes grids have as are measured.
+
+    Attributes:
+        views: along the polar angles and the azimuths of views.
+        nodes: along each side.
+    """
+
+    views: int
+    nodes: int
+
+
+MEASURED = Finer(1, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +120,8 @@ class Grids:
     Attributes:
         theta, phi: azimuths and polar angles of views, radians.
         ndf, sigma, vndf: see ``simrig.brdf.tables.visible_normals``.
-        angles: (m, 4) theta_i, theta_v, phi_i, phi_v of the nodes that are measured.
-        node: (m,) which node of (phi, theta, row, column), flat, each is.
-        factor: (phi, theta, side, side) from f_r to what is stored.
+        light: (phi, theta, side, side, 3) where the nodes look.
+        ratio: (phi, theta, side, side) 4 σ / D of each.
     """
 
     theta: np.ndarray
@@ -106,9 +129,19 @@ class Grids:
     ndf: np.ndarray
     sigma: np.ndarray
     vndf: np.ndarray
-    angles: np.ndarray
-    node: np.ndarray
-    factor: np.ndarray
+    light: np.ndarray
+    ratio: np.ndarray
+
+    def wanted(self, half: bool) -> np.ndarray:
+        """Return which nodes are measured, (phi, theta, side, side): those above the horizon.
+
+        Args:
+            half: whether rows are each other's mirror images.
+        """
+        above = self.light[..., 2] > 0.0
+        if half:
+            above[:, :, above.shape[2] // 2 + 1 :] = False
+        return above
 
 
 @dataclass(frozen=True)
@@ -118,6 +151,7 @@ class VisibleNormalsPlan(Plan):
     Attributes:
         samples: the most that are taken.
         theta_i_max, theta_v_max: how far the rig looks, radians.
+        pairs: of each group.
     """
 
     name: ClassVar[str] = "visible-normals"
@@ -130,6 +164,7 @@ class VisibleNormalsPlan(Plan):
     samples: int
     theta_i_max: float = float(np.radians(LARGEST_THETA_I_DEG))
     theta_v_max: float = float(np.radians(LARGEST_THETA_V_DEG))
+    pairs: int = len(OPERATIONS)
 
     def __post_init__(self) -> None:
         if self.samples < LEAST_SAMPLES:
@@ -146,6 +181,11 @@ class VisibleNormalsPlan(Plan):
         end = 0.5 * np.pi if material is None else material.theta_max
         largest = (np.radians(LARGEST_THETA_I_DEG), np.radians(LARGEST_THETA_V_DEG))
         return cls(samples, *(float(min(theta, end)) for theta in largest))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], angles: np.ndarray) -> Self:
+        """Return the plan of a stored measurement; of before, groups had seven pairs."""
+        return cls(**{"pairs": 7, **settings})
 
     @property
     def theta_max(self) -> float:
@@ -173,45 +213,62 @@ class VisibleNormalsPlan(Plan):
         retro = yield _angles(directions, directions)
         left = self.samples - len(wi) - len(directions)
         sizes = self._sizes(symmetry, rows, columns, retro.values, left)
-        yield self.grids(sizes, retro.values).angles
+        yield self.angles(self.grids(sizes, retro.values), sizes)
         return {SIZES: sizes.as_array()}
+
+    def probe(self, most: int) -> Plan:
+        """Return the groups, retro-reflection, and pairs as pictures show them."""
+        wi, wv = self._groups()
+        back = self._retro(True, 2, self._retro_size(Symmetry(isotropic=True))[1])
+        count = max(1, min(most, self.samples) - len(wi) - len(back))
+        shown = displayed_pairs(count, self.theta_i_max, self.theta_v_max)
+        sides = ((wi, back, shown[0]), (wv, back, shown[1]))
+        return Directions(_angles(*(np.concatenate(side) for side in sides)))
 
     def first(self, sizes: TableSizes) -> int:
         """Return the number of the first sample of the grids."""
         retro = sizes.columns * (1 if sizes.isotropic else sizes.rows)
-        return _GROUPS * len(OPERATIONS) + retro
+        return _GROUPS * self.pairs + retro
 
     def retro_values(self, sizes: TableSizes, values: np.ndarray) -> np.ndarray:
         """Return what of all values are those of retro-reflection."""
-        return values[_GROUPS * len(OPERATIONS) : self.first(sizes)]
+        return values[_GROUPS * self.pairs : self.first(sizes)]
 
-    def grids(self, sizes: TableSizes, retro: np.ndarray) -> Grids:
-        """Return the grids that values of retro-reflection (n, 3) lead to."""
+    def grids(self, sizes: TableSizes, retro: np.ndarray, finer: Finer = MEASURED) -> Grids:
+        """Return the grids that values of retro-reflection (n, 3) lead to.
+
+        Args:
+            sizes: of what is measured.
+            retro: the values.
+            finer: how many times as many nodes the grids have.
+        """
         luminance = (retro @ LUMINANCE).reshape(-1, sizes.columns)
         ndf, sigma = normals(np.broadcast_to(luminance, (sizes.rows, sizes.columns)))
-        theta, phi = view_thetas(sizes.thetas, self.theta_v_max), sizes.phi_nodes()
+        theta = view_thetas((sizes.thetas - 1) * finer.views + 1, self.theta_v_max)
+        phi = sizes.phi_nodes(finer.views)
         vndf = np.stack([[visible_normals(ndf, t, p, sizes.isotropic) for t in theta] for p in phi])
-        side = sizes.side
-        factor = np.zeros((len(phi), len(theta), side, side))
-        angles, node = [], []
-        # the table of an isotropic, mirror symmetric material is its own mirror image in rows
-        half = sizes.isotropic and sizes.mirror
-        for p, phi_v in enumerate(phi):
-            for t, theta_v in enumerate(theta):
-                at = grid_of_view(ndf, sigma, vndf[p, t], (theta_v, phi_v), side, sizes.isotropic)
-                factor[p, t] = at.factor
-                wanted = at.light[..., 2] > 0.0
-                if half:
-                    wanted[side // 2 + 1 :] = False
-                theta_i, phi_i = to_angles(at.light[wanted])
-                theta_i = np.minimum(theta_i, self.theta_i_max)
-                view = np.broadcast_to([[theta_v, phi_v]], (len(theta_i), 2))
-                angles.append(np.stack([theta_i, view[:, 0], phi_i, view[:, 1]], axis=1))
-                first = (p * len(theta) + t) * side * side
-                node.append(first + np.flatnonzero(wanted.ravel()))
-        return Grids(
-            theta, phi, ndf, sigma, vndf, np.concatenate(angles), np.concatenate(node), factor
+        side = (sizes.side - 1) * finer.nodes + 1
+        found = [
+            [
+                grid_of_view(ndf, sigma, own, (t, p), side, sizes.isotropic)
+                for t, own in zip(theta, of_phi, strict=True)
+            ]
+            for p, of_phi in zip(phi, vndf, strict=True)
+        ]
+        light, ratio = (
+            np.array([[getattr(at, name) for at in row] for row in found])
+            for name in ("light", "ratio")
         )
+        return Grids(theta, phi, ndf, sigma, vndf, light, ratio)
+
+    def angles(self, grids: Grids, sizes: TableSizes) -> np.ndarray:
+        """Return theta_i, theta_v, phi_i, phi_v of the nodes that are measured, (m, 4) radians."""
+        wanted = grids.wanted(sizes.half)
+        theta_i, phi_i = to_angles(grids.light[wanted])
+        phi_v, theta_v = np.meshgrid(grids.phi, grids.theta, indexing="ij")
+        number = np.nonzero(wanted)[:2]
+        theta_i = np.minimum(theta_i, self.theta_i_max)
+        return np.stack([theta_i, theta_v[number], phi_i, phi_v[number]], axis=1)
 
     def _groups(self) -> tuple[np.ndarray, np.ndarray]:
         return group_pairs(_GROUPS, min(self.theta_i_max, self.theta_v_max), 0)
@@ -237,18 +294,22 @@ class VisibleNormalsPlan(Plan):
         scale = (self.samples / _PUBLISHED) ** (1.0 / (3.0 if isotropic else 4.0))
         thetas = int(np.clip(round(8.0 * scale), 3, 16))
         phis = 1 if isotropic else (thetas + 1 if mirror else 2 * thetas + 1)
-        best = None
-        for side in range(3, _LARGEST_SIDE + 1, 2):
-            sizes = TableSizes(isotropic, mirror, rows, columns, thetas, phis, side)
-            if len(self.grids(sizes, retro).angles) > left:
-                break
-            best = sizes
-        if best is None:
+        sides = range(3, _LARGEST_SIDE + 1, 2)
+
+        def with_side(side: int) -> TableSizes:
+            return TableSizes(isotropic, mirror, rows, columns, thetas, phis, side)
+
+        def too_many(side: int) -> bool:
+            own = with_side(side)
+            return bool(np.count_nonzero(self.grids(own, retro).wanted(own.half)) > left)
+
+        fitting = bisect_left(sides, True, key=too_many)  # nodes grow with the side
+        if fitting == 0:
             raise SimrigError(
                 f"{self.samples} samples are too few for grids of visible normals of an "
                 "anisotropic material: take more, or the plan 'auto'"
             )
-        return best
+        return with_side(sides[fitting - 1])
 
 
 def _angles(wi: np.ndarray, wv: np.ndarray) -> np.ndarray:

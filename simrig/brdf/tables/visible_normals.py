@@ -79,11 +79,11 @@ class GridOfView:
 
     Attributes:
         light: (side, side, 3) unit vectors; below the horizon where there is nothing to measure.
-        factor: (side, side) from f_r to what is stored, f_r · cos · 4 σ / D.
+        ratio: (side, side) 4 σ / D; f_r · ratio · cos of the light is what is stored.
     """
 
     light: np.ndarray
-    factor: np.ndarray
+    ratio: np.ndarray
 
 
 def grid_of_view(
@@ -113,8 +113,7 @@ def grid_of_view(
     unit = (np.full(1, theta_to_unit(theta_v)), np.full(1, azimuth_to_unit(phi_v)))
     area = interpolate(sigma, single(unit[0]), sigma.shape, *unit)
     density = interpolate(ndf, single(x), ndf.shape, x, y)
-    factor = np.maximum(light[..., 2], 0.0) * 4.0 * area
-    return GridOfView(light, np.asarray(factor / np.maximum(density, np.finfo(float).tiny)))
+    return GridOfView(light, np.asarray(4.0 * area / np.maximum(density, np.finfo(float).tiny)))
 
 
 def _unit_grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:

@@ -145,5 +145,6 @@ def _colours(
             at = grid_of_view(ndf, sigma, vndf[p, t], (theta_v, phi_v), side, len(phi) == 1)
             view = to_vector(float(theta_v), float(phi_v))
             value = evaluate(brdf, at.light, np.broadcast_to(view, at.light.shape))
-            rgb[p, t] = np.moveaxis(value * at.factor[..., None], -1, 0)
+            factor = at.ratio * np.maximum(at.light[..., 2], 0.0)
+            rgb[p, t] = np.moveaxis(value * factor[..., None], -1, 0)
     return rgb
