@@ -180,7 +180,8 @@ class VisibleNormalsPlan(Plan):
         """Return the plan for a material, within its data."""
         end = 0.5 * np.pi if material is None else material.theta_max
         largest = (np.radians(LARGEST_THETA_I_DEG), np.radians(LARGEST_THETA_V_DEG))
-        return cls(samples, *(float(min(theta, end)) for theta in largest))
+        theta_i_max, theta_v_max = (float(min(theta, end)) for theta in largest)
+        return cls(samples, theta_i_max, theta_v_max)
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], angles: np.ndarray) -> Self:
