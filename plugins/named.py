@@ -121,6 +121,7 @@ def simrig_table(props: Any) -> Brdf:
     | wavelength | float | – | – | nm of the one that becomes grey |
     | wavelengths | string | – | – | RGL: first:last in nm |
     | side | string | – | – | WINDOW: `front` or `back` |
+    | gamut | string | clip | – | colours outside sRGB: `clip` negative channels to 0, or `keep` |
 
     ```python
     {"type": "simrig_table", "filename": "table.h5"}

@@ -19,6 +19,7 @@ from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import KEEP
 from simrig.core.options import Option, checked_options
 from simrig.plans.auto.plan import LEAST_SAMPLES
 from simrig.plans.protocol import Plan
@@ -79,6 +80,7 @@ class Method:
         rig: name of the rig that it was made for.
         options: what ``make`` takes.
         to_store: options with which the result can be stored, where without them it cannot.
+        linear: whether the result is linear in the values, so that they may be negative.
     """
 
     name: str
@@ -91,9 +93,16 @@ class Method:
     rig: str = Gonioreflectometer.name
     options: tuple[Option, ...] = ()
     to_store: Mapping[str, Any] = field(default_factory=dict)
+    linear: bool = False
 
     def check(self, measurement: Measurement) -> None:
         """Raise SimrigError for a measurement by a plan that the method cannot use."""
+        if measurement.gamut == KEEP and not self.linear:
+            able = ", ".join(m.name for m in METHODS.values() if m.linear)
+            raise SimrigError(
+                f"{self.name} works with values >= 0, and the measurement keeps colours outside "
+                f"sRGB, whose channels are negative: use {able}, or gamut 'clip'"
+            )
         found = measurement.plan.name
         if self.any_plan or found == self.plan_name:
             return
@@ -354,6 +363,7 @@ _ALL = (
         least_samples=435,
         plan_options=_ONCE,
         any_plan=True,
+        linear=True,
     ),
     *(
         Method(
@@ -377,6 +387,7 @@ _ALL = (
         least_samples=10,
         plan_options=_ONCE,
         any_plan=True,
+        linear=True,
     ),
     *(
         Method(

@@ -82,8 +82,11 @@ class SpherePicture:
         )
 
     def rendered(self, brdf: Brdf) -> np.ndarray:
-        """Return the picture (pixels, pixels, 3) that Mitsuba renders, linear RGB."""
-        return render(self._scene(brdf), spp=1).image
+        """Return the picture (pixels, pixels, 3) that Mitsuba renders, linear RGB.
+
+        Channels of colours outside sRGB are 0, as displays show them.
+        """
+        return np.maximum(render(self._scene(brdf), spp=1).image, 0.0)
 
     def looked_up(self, brdf: Brdf) -> np.ndarray:
         """Return the same picture from the reflectance's own values."""
@@ -95,7 +98,7 @@ class SpherePicture:
         ends = np.cumsum([len(light) for light in self._directions])[:-1]
         parts = zip(self._directions, np.split(values, ends), strict=True)
         pictures = np.stack([light.picture(own) for light, own in parts])
-        return np.asarray(pictures.sum(axis=0, dtype=np.float32))
+        return np.maximum(pictures.sum(axis=0, dtype=np.float32), 0.0)
 
     @cached_property
     def _directions(self) -> list[ControlSamples]:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from simrig.core.errors import SimrigError
+from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP, GAMUTS, KEEP
 
 CLAMP = "; 'simrig convert --clamp-negative', or clamp_negative=True, sets them to 0"
 
 
-def check_values(values: np.ndarray, what: str, cure: str = "") -> None:
+def check_values(values: np.ndarray, what: str, cure: str = "", gamut: str = CLIP) -> None:
     """Refuse values that are not finite or negative; looks without temporary copies.
 
     Args:
         values: of any shape.
         what: holds them, for the message.
         cure: of negative ones, appended to the message: ``CLAMP`` where readers take that option.
+        gamut: with ``KEEP`` negative values are colours.
 
     Raises:
         SimrigError: says how many values are NaN, infinite or negative.
@@ -23,7 +25,8 @@ def check_values(values: np.ndarray, what: str, cure: str = "") -> None:
     if values.size == 0:
         raise SimrigError(f"{what} is empty")
     low, high = values.min(), values.max()  # either is NaN where any value is
-    if low >= 0.0 and high < np.inf:
+    check_known("gamut", gamut, GAMUTS)
+    if high < np.inf and (low >= 0.0 or (gamut == KEEP and low > -np.inf)):
         return
     nan, infinite = int(np.isnan(values).sum()), int(np.isinf(values).sum())
     if nan or infinite:

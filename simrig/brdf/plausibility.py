@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.protocol import Brdf, evaluate
+from simrig.core.gamut import KEEP
 from simrig.directions.spherical import to_vector
 
 _VIEWS_DEG = (0.0, 30.0, 60.0)
@@ -71,7 +72,7 @@ def plausibility(brdf: Brdf, seed: int = 0) -> Plausibility:
         if np.ptp(column) <= 1e-6 * np.abs(column).max()
     )
     negative = _negative_share(brdf)
-    remarks = _remarks(albedo, views, reciprocity, negative, constant, there)
+    remarks = _remarks(albedo, views, reciprocity, negative, constant, there, brdf.gamut)
     rows = tuple((float(r), float(g), float(b)) for r, g, b in albedo)
     return Plausibility(rows, views, reciprocity, negative, constant, tuple(remarks))
 
@@ -92,6 +93,7 @@ def _remarks(
     negative: float,
     constant: tuple[str, ...],
     values: np.ndarray,
+    gamut: str,
 ) -> list[str]:
     remarks = []
     worst = np.unravel_index(int(np.argmax(albedo)), albedo.shape)
@@ -106,8 +108,9 @@ def _remarks(
         remarks.append(
             f"not reciprocal: light and view swapped differ by {100 * reciprocity:.3g} %"
         )
+    kept = ", kept" if gamut == KEEP else " and count as 0"
     if negative > 0.0:
-        remarks.append(f"{100 * negative:.3g} % of the stored values are negative and count as 0")
+        remarks.append(f"{100 * negative:.3g} % of the stored values are negative{kept}")
     dark = [name for name, column in zip(_CHANNELS, values.T, strict=True) if column.max() <= 0.0]
     if dark and len(dark) < 3:
         remarks.append(f"{' and '.join(dark)} is 0 everywhere")

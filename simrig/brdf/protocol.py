@@ -20,6 +20,7 @@ from simrig.core.arrays import (
     where_colour,
 )
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP, KEEP, Outside, outside
 from simrig.core.kept import kept
 from simrig.core.shown import Exhibit, Shown
 from simrig.directions.spherical import to_vector
@@ -44,6 +45,9 @@ class Brdf(Shown, ABC):
         theta_max: largest polar angle with data, in radians; beyond it the value is held.
         reciprocal: whether f_r(ω_i, ω_v) = f_r(ω_v, ω_i) by construction.
         in_kernels: whether look-ups can be part of a kernel, and so of a renderer.
+        gamut: ``"keep"`` where channels of colours outside sRGB are negative, ``"clip"`` where they
+            are 0 (``simrig.core.gamut``).
+        outside: how much of the values it was made of is outside sRGB; None where nothing is.
     """
 
     kind: ClassVar[str] = ""
@@ -51,6 +55,8 @@ class Brdf(Shown, ABC):
     theta_max: float = float(np.pi / 2)
     reciprocal: bool = True
     in_kernels: ClassVar[bool] = True
+    gamut: str = CLIP
+    outside: Outside | None = None
 
     @abstractmethod
     def data(self) -> Mapping[str, np.ndarray]:
@@ -69,6 +75,15 @@ class Brdf(Shown, ABC):
         """Size of ``data()`` in bytes."""
         return sum(array.nbytes for array in self.data().values())
 
+    def _hold(self, values: np.ndarray, gamut: str) -> None:
+        """Note whether values may be negative, and how many are."""
+        self.gamut = gamut
+        self.outside = outside(values) if gamut == KEEP else None
+
+    def _gamut(self) -> dict[str, str]:
+        """Return the part of ``structure`` that says the gamut, where it is not the usual one."""
+        return {} if self.gamut == CLIP else {"gamut": self.gamut}
+
     @classmethod
     def from_parts(
         cls, structure: Mapping[str, Any], data: Mapping[str, np.ndarray], name: str
@@ -79,7 +94,7 @@ class Brdf(Shown, ABC):
             TypeError: parts that are missing, or that it does not have.
         """
         wanted = {*signature(cls).parameters} - {"name"}
-        if wanted != {*structure, *data}:
+        if wanted != {*structure, *data} | (wanted & {"gamut"}):
             missing, strange = wanted - {*structure, *data}, {*structure, *data} - wanted
             raise TypeError(f"missing {sorted(missing)}, not understood {sorted(strange)}")
         return cls(**structure, **data, name=name)  # type: ignore[call-arg]

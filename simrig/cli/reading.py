@@ -40,6 +40,9 @@ class Reading:
     wavelengths: Annotated[
         str | None, typer.Option(help="FIRST:LAST, nm, of RGL spectra that do not say theirs.")
     ] = None
+    gamut: Annotated[
+        str | None, typer.Option(help="Of colours outside sRGB: clip (unless given) or keep.")
+    ] = None
     side: Annotated[str | None, typer.Option(help="Of a BSDF of WINDOW: front or back.")] = None
 
     def options(self) -> ReadOptions:

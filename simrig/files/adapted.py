@@ -13,6 +13,7 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable
 from simrig.brdf.tables.resample import resample_dense, resample_isotropic
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP
 from simrig.files import hdf5, merl, utia
 from simrig.files.arrays import reader as arrays
 from simrig.files.btf.hdf5 import CONTENT as BTF
@@ -38,6 +39,7 @@ class ReadOptions:
         wavelength: nm of the one that becomes a grey material.
         wavelengths: first and last in nm, such as ``"360:1000"``.
         side: ``"front"`` or ``"back"``.
+        gamut: ``"keep"`` or ``"clip"`` colours outside sRGB (``simrig.core.gamut``).
     """
 
     clamp_negative: bool = False
@@ -51,6 +53,12 @@ class ReadOptions:
     wavelength: float | None = None
     wavelengths: str | None = None
     side: str | None = None
+    gamut: str | None = None
+
+    @property
+    def in_gamut(self) -> str:
+        """What becomes of colours outside sRGB: as stated, else clipped."""
+        return self.gamut or CLIP
 
 
 @dataclass(frozen=True)
@@ -95,6 +103,7 @@ def read_utia(
         elif options.theta_step is not None:
             layout = replace(utia.DATABASE, theta_step_deg=options.theta_step)
         given = {"encoding": options.encoding, "factor": options.factor, "colour": options.colour}
+        given["gamut"] = options.gamut
         table = read(
             path,
             layout,
@@ -130,18 +139,23 @@ def read_rgl(path: Path, options: ReadOptions) -> Found:
                 f"--wavelengths is FIRST:LAST in nm such as 360:1000, got '{options.wavelengths}'"
             ) from None
         limits = (first, last)
-    return rgl.read_rgl(path, limits), []
+    return rgl.read_rgl(path, limits, options.in_gamut), []
 
 
 def read_window(path: Path, options: ReadOptions) -> Found:
     """Read a Klems matrix or a tensor tree."""
-    return window.load_window(path, options.clamp_negative, options.side)
+    return window.load_window(path, options.clamp_negative, options.side, options.gamut)
 
 
 def read_arrays(path: Path, options: ReadOptions) -> Found:
     """Read arrays over stated axes."""
     return arrays.load_arrays(
-        path, options.clamp_negative, options.axes, options.variable, options.wavelength
+        path,
+        options.clamp_negative,
+        options.axes,
+        options.variable,
+        options.wavelength,
+        options.in_gamut,
     )
 
 

@@ -13,7 +13,7 @@ is divided by the light's cosine, ENERGY is refused.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from simrig.brdf.tables.from_samples import assemble, half_difference_table
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP, outside
 from simrig.directions.half_difference import from_half_difference
 from simrig.directions.spherical import to_vector
 from simrig.files.text import not_negative, number_rows, read_text
@@ -162,7 +163,9 @@ def read_alta(path: str | Path, clamp_negative: bool = False) -> ScatteredSample
     return _samples(Path(path), _content(Path(path), clamp_negative))
 
 
-def load_alta(path: str | Path, clamp_negative: bool = False) -> tuple[Brdf, list[str]]:
+def load_alta(
+    path: str | Path, clamp_negative: bool = False, gamut: str = CLIP
+) -> tuple[Brdf, list[str]]:
     """Read the samples and make a table of them (see ``assemble``).
 
     A whole grid of half-difference angles becomes a table of these angles; grids of directions a
@@ -180,10 +183,11 @@ def load_alta(path: str | Path, clamp_negative: bool = False) -> tuple[Brdf, lis
     if content.below:
         notes.append(f"{content.below:,} rows below the horizon left out")
     if content.name == "RUSIN_TH_TD_PD":
-        table = half_difference_table(content.inputs, content.values, path.stem)
+        table = half_difference_table(content.inputs, content.values, path.stem, gamut)
         if table is not None:
+            table.outside = outside(content.values)
             return table, [*notes, "a whole grid of theta_h, theta_d, phi_d"]
-    found = assemble(_samples(path, content), "ALTA samples")
+    found = assemble(replace(_samples(path, content), gamut=gamut), "ALTA samples")
     return found.brdf, [*notes, found.how]
 
 

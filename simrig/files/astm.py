@@ -10,6 +10,7 @@ where they do not fit into a quarter turn of radians; a negative theta lies acro
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.brdf.tables.to_samples import sampled
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP
 from simrig.files.atomic import atomic_write
 from simrig.files.text import not_negative, number_rows, read_text
 from simrig.files.wavelengths import to_rgb
@@ -71,7 +73,10 @@ def read_astm(
 
 
 def load_astm(
-    path: str | Path, clamp_negative: bool = False, wavelength: float | None = None
+    path: str | Path,
+    clamp_negative: bool = False,
+    wavelength: float | None = None,
+    gamut: str = CLIP,
 ) -> tuple[Brdf, list[str]]:
     """Read the samples and make a table of them (see ``assemble``).
 
@@ -79,7 +84,7 @@ def load_astm(
         The table, and what was done.
     """
     samples, notes = read_astm(path, clamp_negative, wavelength)
-    found = assemble(samples, "ASTM samples")
+    found = assemble(replace(samples, gamut=gamut), "ASTM samples")
     return found.brdf, [*notes, found.how]
 
 

@@ -10,6 +10,7 @@ Source: Lanevski et al. 2022, Color Research and Application 47, 1177; schema v1
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.brdf.tables.to_samples import sampled
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP
 from simrig.files.atomic import atomic_write
 from simrig.files.text import not_negative, read_text
 from simrig.files.wavelengths import to_rgb
@@ -75,7 +77,10 @@ def read_bird(
 
 
 def load_bird(
-    path: str | Path, clamp_negative: bool = False, wavelength: float | None = None
+    path: str | Path,
+    clamp_negative: bool = False,
+    wavelength: float | None = None,
+    gamut: str = CLIP,
 ) -> tuple[Brdf, list[str]]:
     """Read the samples and make a table of them (see ``assemble``).
 
@@ -83,7 +88,7 @@ def load_bird(
         The table, and what was done.
     """
     samples, notes = read_bird(path, clamp_negative, wavelength)
-    found = assemble(samples, "BiRD samples")
+    found = assemble(replace(samples, gamut=gamut), "BiRD samples")
     return found.brdf, [*notes, found.how]
 
 

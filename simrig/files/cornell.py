@@ -7,6 +7,7 @@ per wavelength. The samples are isotropic and irregular.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from simrig.brdf.tables.isotropic import IsotropicTable
 from simrig.brdf.tables.scattered import ScatteredSamples, interpolate_isotropic
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP, outside
 from simrig.files.spectra import rgb_weights
 from simrig.files.text import not_negative, number_rows, read_text
 
@@ -43,9 +45,14 @@ def read_cornell(path: str | Path, clamp_negative: bool = False) -> ScatteredSam
     return ScatteredSamples(theta_i, phi_i, theta_v, phi_v, values, path.stem, isotropic=True)
 
 
-def load_cornell(path: str | Path, clamp_negative: bool = False) -> IsotropicTable:
+def load_cornell(
+    path: str | Path, clamp_negative: bool = False, gamut: str = CLIP
+) -> IsotropicTable:
     """Read the samples and interpolate them to a table (see ``interpolate_isotropic``)."""
-    return interpolate_isotropic(read_cornell(path, clamp_negative))
+    samples = read_cornell(path, clamp_negative)
+    table = interpolate_isotropic(replace(samples, gamut=gamut))
+    table.outside = outside(samples.values)
+    return table
 
 
 def is_cornell(text: str) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import GAMUTS
 from simrig.files import alta, astm, bird, cornell, hdf5, ubo, utia, zemax
 from simrig.files.adapted import (
     Found,
@@ -28,6 +31,8 @@ from simrig.files.adapted import (
 from simrig.files.arrays import reader as arrays
 from simrig.files.rgl import writer as rgl_writer
 from simrig.files.window import klems, tensor_tree
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,8 @@ def read_as(format: str, path: Path, options: ReadOptions) -> Read:
     Raises:
         SimrigError: an option that the format does not take, or a file that cannot be read.
     """
+    if options.gamut is not None:
+        check_known("gamut", options.gamut, GAMUTS)
     for option in fields(options)[2:]:
         if getattr(options, option.name) is not None and option.name not in FORMATS[format].options:
             takers = [f.name for f in FORMATS.values() if option.name in f.options]
@@ -83,7 +90,17 @@ def read_as(format: str, path: Path, options: ReadOptions) -> Read:
         brdf = _scaled(brdf, options.factor, path)
     if options.factor is not None:
         notes = [*notes, f"multiplied by {options.factor:g}"]
+    if brdf.outside is not None:
+        said = brdf.outside.text(brdf.gamut)
+        _say_once(f"'{path}': {said}")
+        notes = [*notes, said]
     return Read(brdf, format, notes)
+
+
+@cache
+def _say_once(text: str) -> None:
+    """Say it wherever a material is read: to be described, measured, rendered or compared."""
+    _log.warning(text)
 
 
 def _scaled(brdf: Brdf, factor: float, path: Path) -> Brdf:
@@ -101,7 +118,7 @@ def _scaled(brdf: Brdf, factor: float, path: Path) -> Brdf:
     return kind.from_parts(brdf.structure(), data, brdf.name)
 
 
-_UTIA = ("layout", "theta_step", "encoding", "colour")
+_UTIA = ("layout", "theta_step", "encoding", "colour", "gamut")
 
 
 _ALL = (
@@ -148,17 +165,17 @@ _ALL = (
         read_rgl,
         rgl_writer.write_rgl,
         honours="RGB or spectra, wavelengths, float64, jacobian, symmetry",
-        options=("wavelengths",),
+        options=("wavelengths", "gamut"),
         takes=("resolution",),
     ),
     Format(
         "astm",
         (".astm",),
         "ASTM E1392 / E2387 scatter data, text",
-        lambda path, o: astm.load_astm(path, o.clamp_negative, o.wavelength),
+        lambda path, o: astm.load_astm(path, o.clamp_negative, o.wavelength, o.in_gamut),
         astm.write_astm,
         honours="VARS, NUM_POINTS, RGB, XYZ or wavelengths, BSDF times cosine",
-        options=("wavelength",),
+        options=("wavelength", "gamut"),
     ),
     Format(
         "klems",
@@ -167,7 +184,7 @@ _ALL = (
         read_window,
         klems.write_klems,
         honours="basis of angles, rows or columns, side, Visible with CIE-X and CIE-Z",
-        options=("side",),
+        options=("side", "gamut"),
         takes=("basis",),
     ),
     Format(
@@ -177,17 +194,17 @@ _ALL = (
         read_window,
         tensor_tree.write_tree,
         honours="rank, side, Visible with CIE-u and CIE-v",
-        options=("side",),
+        options=("side", "gamut"),
         takes=("level",),
     ),
     Format(
         "bird",
         (".json",),
         "BiRD universal BRDF format, JSON",
-        lambda path, o: bird.load_bird(path, o.clamp_negative, o.wavelength),
+        lambda path, o: bird.load_bird(path, o.clamp_negative, o.wavelength, o.in_gamut),
         bird.write_bird,
         honours="units, wavelengths, polarisations, channels",
-        options=("wavelength",),
+        options=("wavelength", "gamut"),
     ),
     Format(
         "npz",
@@ -196,7 +213,7 @@ _ALL = (
         read_arrays,
         arrays.write_npz,
         honours="axes and nodes that it holds, wavelengths",
-        options=("axes", "variable", "wavelength"),
+        options=("axes", "variable", "wavelength", "gamut"),
     ),
     Format(
         "mat",
@@ -205,14 +222,15 @@ _ALL = (
         read_arrays,
         arrays.write_mat,
         honours="axes and nodes that it holds, wavelengths",
-        options=("axes", "variable", "wavelength"),
+        options=("axes", "variable", "wavelength", "gamut"),
     ),
     Format(
         "cornell",
         (".brdf",),
         "Cornell spectral samples, isotropic, interpolated",
-        lambda path, o: (cornell.load_cornell(path, o.clamp_negative), []),
+        lambda path, o: (cornell.load_cornell(path, o.clamp_negative, o.in_gamut), []),
         honours="wavelengths",
+        options=("gamut",),
     ),
     Format(
         "ubo",
@@ -224,8 +242,9 @@ _ALL = (
         "alta",
         (".dat", ".alta"),
         "ALTA samples: grids become tables, scattered ones are interpolated",
-        lambda path, o: alta.load_alta(path, o.clamp_negative),
+        lambda path, o: alta.load_alta(path, o.clamp_negative, o.in_gamut),
         honours="PARAM_IN, PARAM_OUT (RGB, XYZ, times cosine), DIM",
+        options=("gamut",),
     ),
     Format(
         "zemax",

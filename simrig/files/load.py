@@ -17,7 +17,8 @@ from simrig.brdf import (
 )
 from simrig.brdf.plausibility import Plausibility, plausibility
 from simrig.brdf.tables.resample import ResamplingError, resampling_error
-from simrig.core.errors import check_known, unknown_name
+from simrig.core.errors import SimrigError, check_known, unknown_name
+from simrig.core.gamut import KEEP
 from simrig.files import hdf5, utia
 from simrig.files.atomic import existing_file
 from simrig.files.formats import (
@@ -122,6 +123,11 @@ def save_material(path: str | Path, brdf: Brdf, format: str | None = None, **opt
     path = Path(path)
     name = format or format_of_ending(path)
     writer = checked_writer(name, options)
+    if brdf.gamut == KEEP and name != "hdf5":
+        raise SimrigError(
+            f"'{brdf.name}' has negative channels of colours outside sRGB, which '{name}' does not "
+            "hold: write .h5, or read it with gamut 'clip'"
+        )
     found = plausibility(brdf)
     if name == "hdf5":
         stated = dict(options.get("provenance") or {})

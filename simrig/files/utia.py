@@ -27,6 +27,7 @@ from simrig.brdf.checks import CLAMP, check_values, without_negative
 from simrig.brdf.tables.dense import DenseTable
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP, in_gamut, outside
 from simrig.files.atomic import atomic_write, existing_file
 
 ENCODINGS = ("linear", "srgb")
@@ -96,6 +97,7 @@ def read_utia(
     factor: float = 1.0,
     colour: str = "rgb",
     clamp_negative: bool = False,
+    gamut: str = CLIP,
 ) -> DenseTable:
     """Read a raw ``.bin`` file.
 
@@ -106,6 +108,7 @@ def read_utia(
         factor: multiplies the linear values.
         colour: ``"rgb"``, or ``"xyz"`` where the planes are X, Y, Z.
         clamp_negative: set negative values to 0 instead of refusing them.
+        gamut: of colours outside sRGB in XYZ, see ``simrig.core.gamut``.
 
     Raises:
         SimrigError: another size than the layout's, or values that cannot be.
@@ -122,7 +125,7 @@ def read_utia(
     count = expected.directions
     planes = np.fromfile(path, dtype="<f8").reshape(3, count, count)
     matrix = np.moveaxis(planes, 0, -1)
-    return _table(matrix, path, expected, encoding, factor, colour, clamp_negative)
+    return _table(matrix, path, expected, encoding, factor, colour, clamp_negative, gamut)
 
 
 def read_utia_exr(
@@ -133,6 +136,7 @@ def read_utia_exr(
     factor: float = 1.0,
     colour: str = "rgb",
     clamp_negative: bool = False,
+    gamut: str = CLIP,
 ) -> DenseTable:
     """Read an ``.exr`` file; arguments and errors as for ``read_utia``.
 
@@ -164,7 +168,7 @@ def read_utia_exr(
     if colour == "xyz" and any("XYZ" in done for done in picture.made):
         colour = "rgb"  # its channels say so themselves
     matrix = picture.pixels.astype(np.float64)
-    return _table(matrix, path, expected, encoding, factor, colour, clamp_negative)
+    return _table(matrix, path, expected, encoding, factor, colour, clamp_negative, gamut)
 
 
 def states_layout(path: str | Path) -> bool:
@@ -237,6 +241,7 @@ def _table(
     factor: float,
     colour: str,
     clamp_negative: bool,
+    gamut: str,
 ) -> DenseTable:
     check_known("UTIA encoding", encoding, ENCODINGS)
     check_known("UTIA colour", colour, COLOURS)
@@ -245,9 +250,12 @@ def _table(
     if colour == "xyz":
         check_values(without_negative(matrix, clamp_negative), f"'{path}'", CLAMP)
         # colours outside the gamut have negative channels: they are no noise
-        matrix = np.maximum(matrix @ FROM_XYZ.T, 0.0)
-    matrix = without_negative(matrix, clamp_negative)
-    check_values(matrix, f"'{path}'", CLAMP)
+        found = outside(matrix := matrix @ FROM_XYZ.T)
+        matrix = in_gamut(matrix, gamut)
+    else:
+        matrix = without_negative(matrix, clamp_negative)
+        check_values(matrix, f"'{path}'", CLAMP, gamut)
+        found = outside(matrix)
     if encoding == "srgb":
         from simrig.files.images import decode_srgb
 
@@ -262,7 +270,9 @@ def _table(
             "as R, G, B), --encoding srgb"
         )
     step = np.radians(layout.theta_step_deg)
-    return DenseTable(np.ascontiguousarray(values), step, name=path.stem)
+    table = DenseTable(np.ascontiguousarray(values), step, name=path.stem, gamut=gamut)
+    table.outside = found
+    return table
 
 
 def _matrix(table: DenseTable) -> np.ndarray:

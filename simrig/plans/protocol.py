@@ -64,6 +64,7 @@ class Plan(ABC):
         implied_by: options that choose this plan where none is named.
         adaptive: whether directions depend on what was recorded, which costs the rig time.
         pictures: whether the rig must record pictures and not values alone.
+        logarithms: whether it works with the logarithms of values, so that none may be negative.
     """
 
     name: ClassVar[str]
@@ -72,6 +73,7 @@ class Plan(ABC):
     implied_by: ClassVar[tuple[str, ...]] = ()
     adaptive: ClassVar[bool] = False
     pictures: ClassVar[bool] = False
+    logarithms: ClassVar[bool] = False
 
     @property
     def one_order(self) -> bool:
@@ -163,6 +165,8 @@ class MeasuredPairs(Protocol):
     def phi_v(self) -> np.ndarray: ...
     @property
     def values(self) -> np.ndarray: ...
+    @property
+    def gamut(self) -> str: ...
 
 
 class Measured(MeasuredPairs, Protocol):

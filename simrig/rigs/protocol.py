@@ -16,6 +16,7 @@ from simrig.core.cost import Cost, stopwatch
 from simrig.core.effects import Overrides, Tolerance
 from simrig.core.effects import Plan as EffectPlan
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import KEEP
 from simrig.core.options import Option
 from simrig.mesostructure import PRESETS
 from simrig.plans.protocol import Plan, Recorded
@@ -114,6 +115,11 @@ class Rig(ABC):
         if plan.pictures:
             raise SimrigError(
                 f"rig '{self.name}' records no pictures, plan '{plan.name}' needs some"
+            )
+        if plan.logarithms and material.gamut == KEEP:
+            raise SimrigError(
+                f"plan '{plan.name}' works with logarithms, and '{material.name}' keeps colours "
+                "outside sRGB, whose channels are negative: choose another plan, or gamut 'clip'"
             )
         if plan.theta_max > material.theta_max + REACH_TOLERANCE:
             own, asked = np.degrees([material.theta_max, plan.theta_max])
@@ -268,6 +274,7 @@ class Rig(ABC):
             layout,
             None,
             json.loads(json.dumps(provenance, default=np.generic.item)),  # as files give it
+            material.gamut,
         )
 
 

@@ -14,6 +14,7 @@ from simrig.brdf.tables.grid import grid_sizes
 from simrig.brdf.tables.packed import Colours, colour_table
 from simrig.core.arrays import Array, multiply_add, read_only
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP
 from simrig.directions.spherical import to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
 
@@ -47,6 +48,7 @@ class BarycentricBrdf(Brdf):
         *,
         reciprocal: bool | None = None,
         name: str = "barycentric",
+        gamut: str = CLIP,
     ):
         self.theta, self.phi = (read_only(angle, np.float64) for angle in (theta, phi))
         values = np.asarray(values)
@@ -58,7 +60,8 @@ class BarycentricBrdf(Brdf):
                 f"'{name}' needs as many theta as phi and values for all their pairs, got "
                 f"{self.theta.shape}, {self.phi.shape} and {values.shape}"
             )
-        check_values(values, f"table '{name}'")
+        check_values(values, f"table '{name}'", gamut=gamut)
+        self._hold(values, gamut)
         self.values, self.name = read_only(values), name
         self.triangulation = HemisphereTriangulation(to_vector(self.theta, self.phi))
         self.theta_max = float(self.theta.max())
@@ -79,6 +82,7 @@ class BarycentricBrdf(Brdf):
             "theta": self.theta.tolist(),
             "phi": self.phi.tolist(),
             "reciprocal": self.reciprocal,
+            **self._gamut(),
         }
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Colours:

@@ -21,6 +21,7 @@ from simrig.core.arrays import (
     to_index,
 )
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP
 
 BEYOND = ("hold", "fade")
 _LARGEST_TABLE = 2**31 // 3  # colours that 32-bit indices of single channels can reach
@@ -37,12 +38,13 @@ class DenseTable(Brdf):
 
     Args:
         values: shape (n_theta, n_theta, n_phi_i, n_phi_v, 3), linear RGB in 1/sr, float32 or
-            float64, finite and >= 0. Copied, unless nobody can change it any more.
+            float64, finite and >= 0 (see ``gamut``). Copied, unless nobody can change it any more.
         theta_step: step of the polar angles, in radians.
         theta_max: last polar angle, in radians; by default (n_theta - 1) · theta_step.
         beyond: what a direction between theta_max and the horizon gets: ``"hold"`` the value
             at theta_max, ``"fade"`` that value times cos(theta) / cos(theta_max).
         reciprocal: whether the table equals its transpose; ``None`` looks.
+        gamut: ``"keep"`` holds colours outside sRGB, whose channels are negative.
 
     Raises:
         SimrigError: shape, step or values that cannot be.
@@ -59,6 +61,7 @@ class DenseTable(Brdf):
         beyond: str = "hold",
         reciprocal: bool | None = None,
         name: str = "table",
+        gamut: str = CLIP,
     ):
         values = np.asarray(values)
         if values.dtype not in (np.float32, np.float64):
@@ -68,7 +71,8 @@ class DenseTable(Brdf):
         n_theta = values.shape[0]
         theta_max = (n_theta - 1) * theta_step if theta_max is None else theta_max
         _check_thetas(n_theta, theta_step, theta_max)
-        check_values(values, f"table '{name}'")
+        check_values(values, f"table '{name}'", gamut=gamut)
+        self._hold(values, gamut)
         self.values = read_only(_with_single_pole(values))
         self.theta_step, self.theta_max = float(theta_step), float(theta_max)
         self.beyond, self.name = beyond, name
@@ -95,6 +99,7 @@ class DenseTable(Brdf):
             "theta_max": self.theta_max,
             "beyond": self.beyond,
             "reciprocal": self.reciprocal,
+            **self._gamut(),
         }
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Colours:

@@ -25,6 +25,7 @@ from simrig.brdf.tables.scattered import (
     subset,
 )
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP, in_gamut, outside
 from simrig.directions.half_difference import from_half_difference
 from simrig.directions.spherical import to_vector
 
@@ -55,12 +56,18 @@ def assemble(samples: ScatteredSamples, what: str = "samples") -> Assembled:
     """Return the table that samples make.
 
     Args:
-        samples: values may be negative (colours outside the gamut); they become 0.
+        samples: values may be negative; ``samples.gamut`` says what becomes of them.
         what: they are, for the message.
 
     Raises:
         SimrigError: samples that are too few or too sparse, with what is missing.
     """
+    found = _assembled(samples, what)
+    found.brdf.outside = outside(samples.values)
+    return found
+
+
+def _assembled(samples: ScatteredSamples, what: str) -> Assembled:
     angles = _tidy(samples)
     isotropic = samples.isotropic or len(np.unique(_key(angles[:, 1]))) == 1
     if isotropic:
@@ -132,25 +139,32 @@ def _all_pairs(angles: np.ndarray, samples: ScatteredSamples) -> Assembled | Non
     values, number = _means(light * len(views) + view, pairs, samples.values)
     if np.any(number == 0):
         return None
-    values = np.maximum(values, 0.0).reshape(len(lights), len(views), 3)
+    values = in_gamut(values, samples.gamut).reshape(len(lights), len(views), 3)
     text = f"{len(lights)} illuminations × {len(views)} views"
-    table = _regular(lights, views, values, samples.name)
+    table = _regular(lights, views, values, samples)
     if table is not None:
         return Assembled(table, f"{text} on a regular grid, held as they are")
     if min(len(lights), len(views)) < 4:
         return None
     same = lights.shape == views.shape and np.allclose(lights, views, atol=_SAME_ANGLE)
     if same:
-        brdf = BarycentricBrdf(lights[:, 0], lights[:, 1], values, name=samples.name)
+        brdf = BarycentricBrdf(
+            lights[:, 0], lights[:, 1], values, name=samples.name, gamut=samples.gamut
+        )
         return Assembled(brdf, f"{text}, interpolated between neighbours")
     theta_max = float(max(lights[:, 0].max(), views[:, 0].max()))
     sides = to_vector(*lights.T), to_vector(*views.T)
-    table = tabulated_pairs(*sides, values, theta_max, samples.name)
+    table = tabulated_pairs(*sides, values, theta_max, samples.name, samples.gamut)
     return Assembled(table, f"{text}, interpolated to every {np.degrees(_STEP):g}°")
 
 
 def tabulated_pairs(
-    lights: np.ndarray, views: np.ndarray, values: np.ndarray, theta_max: float, name: str
+    lights: np.ndarray,
+    views: np.ndarray,
+    values: np.ndarray,
+    theta_max: float,
+    name: str,
+    gamut: str = CLIP,
 ) -> DenseTable:
     """Return the table every 7.5° of a set of illuminations times a set of views.
 
@@ -162,6 +176,7 @@ def tabulated_pairs(
         values: (n, m, 3) f_r.
         theta_max: polar angle of the last nodes.
         name: of the table.
+        gamut: of the values (``simrig.core.gamut``).
     """
     n_theta, n_phi = int(np.ceil(theta_max / _STEP - 1e-4)) + 1, round(2.0 * np.pi / _STEP)
     theta = np.append(np.arange(n_theta - 1) * _STEP, theta_max)
@@ -170,11 +185,12 @@ def tabulated_pairs(
     # one side after the other: (nodes, n) by (n, m, 3), then the same from the right
     full = np.einsum("vn,inc->ivc", right, np.tensordot(left, values, (1, 0)), optimize=True)
     full = full.reshape(n_theta, n_phi, n_theta, n_phi, 3).transpose(0, 2, 1, 3, 4)
-    return DenseTable(np.ascontiguousarray(full, dtype=np.float32), _STEP, theta_max, name=name)
+    values = np.ascontiguousarray(full, dtype=np.float32)
+    return DenseTable(values, _STEP, theta_max, name=name, gamut=gamut)
 
 
 def _regular(
-    lights: np.ndarray, views: np.ndarray, values: np.ndarray, name: str
+    lights: np.ndarray, views: np.ndarray, values: np.ndarray, samples: ScatteredSamples
 ) -> DenseTable | None:
     """Return a dense table where both sets are grids of the same polar angles, None elsewhere."""
     from_lights, from_views = _grid_of(lights), _grid_of(views)
@@ -186,7 +202,7 @@ def _regular(
     table = values[rows_i][:, :, rows_v]  # theta_i, phi_i, theta_v, phi_v, 3
     table = np.ascontiguousarray(table.transpose(0, 2, 1, 3, 4))
     step = float(theta[1])
-    return DenseTable(table, step, float(theta[-1]), name=name)
+    return DenseTable(table, step, float(theta[-1]), name=samples.name, gamut=samples.gamut)
 
 
 def _grid_of(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -239,7 +255,7 @@ def _isotropic_grid(angles: np.ndarray, samples: ScatteredSamples) -> Assembled 
     if np.any(number == 0):
         return None
     theta_i, theta_v, phi, values = _whole_circle(
-        axes[0], axes[1], axes[2], np.maximum(values, 0.0)
+        axes[0], axes[1], axes[2], in_gamut(values, samples.gamut)
     )
     if phi is None:
         return None
@@ -254,7 +270,7 @@ def _isotropic_grid(angles: np.ndarray, samples: ScatteredSamples) -> Assembled 
     )
     held = [np.clip(nodes, axis[0], axis[-1]) for axis in (theta_i, theta_v)]
     grid = np.stack(np.meshgrid(*held, even, indexing="ij"), axis=-1)
-    relative = np.maximum(look_up(grid), 0.0)  # theta_i, theta_v, azimuth between, 3
+    relative = in_gamut(look_up(grid), samples.gamut)  # theta_i, theta_v, azimuth between, 3
     turned = (np.arange(n_phi)[None, :] - np.arange(n_phi)[:, None]) % n_phi
     table = np.ascontiguousarray(relative[:, :, turned], dtype=np.float32)
     exact = all(np.allclose(axis, nodes, atol=_SAME_ANGLE) for axis in (theta_i, theta_v))
@@ -263,7 +279,8 @@ def _isotropic_grid(angles: np.ndarray, samples: ScatteredSamples) -> Assembled 
         "grid, "
         + ("held as they are" if exact else f"interpolated to every {np.degrees(step):.3g}°")
     )
-    return Assembled(DenseTable(table, step, theta_max, name=samples.name), how)
+    dense = DenseTable(table, step, theta_max, name=samples.name, gamut=samples.gamut)
+    return Assembled(dense, how)
 
 
 def _even_step(theta_i: np.ndarray, theta_v: np.ndarray, theta_max: float) -> float:
@@ -298,7 +315,7 @@ def _whole_circle(
 
 
 def half_difference_table(
-    angles: np.ndarray, samples: np.ndarray, name: str
+    angles: np.ndarray, samples: np.ndarray, name: str, gamut: str = CLIP
 ) -> IsotropicTable | None:
     """Return the table of a whole grid of theta_h, theta_d and phi_d, None where it has gaps.
 
@@ -307,8 +324,9 @@ def half_difference_table(
 
     Args:
         angles: the three in radians, shape (n, 3).
-        samples: f_r at them, (n, 3); negative values become 0.
+        samples: f_r at them, (n, 3).
         name: of the table.
+        gamut: of negative values, see ``simrig.core.gamut``.
     """
     x = np.array(angles, dtype=np.float64)
     turn = 2.0 * np.pi if np.ptp(x[:, 2]) > np.pi + _SAME_ANGLE else np.pi
@@ -319,7 +337,7 @@ def half_difference_table(
     if min(shape) < 2 or np.prod(shape, dtype=object) > 8 * len(x):
         return None
     means, number = _means(np.ravel_multi_index(where, shape), int(np.prod(shape)), samples)
-    values = np.maximum(means, 0.0).reshape(*shape, 3)
+    values = in_gamut(means, gamut).reshape(*shape, 3)
     held = (number > 0).reshape(shape)
     grid = np.meshgrid(*axes, indexing="ij")
     wi, wv = from_half_difference(grid[0], 0.0 * grid[0], grid[1], grid[2])
@@ -340,7 +358,7 @@ def half_difference_table(
     ]
     table = look_up(np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1))
     return IsotropicTable(
-        np.maximum(table, 0.0).astype(np.float32), name=name, reciprocal=turn < 4.0
+        in_gamut(table, gamut).astype(np.float32), name=name, reciprocal=turn < 4.0, gamut=gamut
     )
 
 

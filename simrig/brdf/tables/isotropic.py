@@ -13,6 +13,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.packed import Colours, colour_table
 from simrig.core.arrays import Array, multiply_add, namespace, read_only, to_index
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP
 from simrig.directions.half_difference import from_half_difference, to_half_difference
 
 LOOKUPS = ("linear", "nearest")
@@ -52,6 +53,7 @@ class IsotropicTable(Brdf):
         theta_max: float = float(np.pi / 2),
         name: str = "isotropic",
         reciprocal: bool = True,
+        gamut: str = CLIP,
     ):
         values = np.asarray(values)
         if values.dtype not in (np.float32, np.float64):
@@ -62,7 +64,8 @@ class IsotropicTable(Brdf):
                 f"least two bins each, got {values.shape}"
             )
         check_known("lookup", lookup, LOOKUPS)
-        check_values(values, f"table '{name}'")
+        check_values(values, f"table '{name}'", gamut=gamut)
+        self._hold(values, gamut)
         self.values, self.lookup, self.name = read_only(values), lookup, name
         self.theta_max, self.reciprocal = float(theta_max), bool(reciprocal)
 
@@ -74,6 +77,7 @@ class IsotropicTable(Brdf):
             "lookup": self.lookup,
             "theta_max": self.theta_max,
             "reciprocal": self.reciprocal,
+            **self._gamut(),
         }
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Colours:

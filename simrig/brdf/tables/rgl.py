@@ -28,7 +28,8 @@ from simrig.core.arrays import (
     read_only,
     scale,
 )
-from simrig.core.errors import SimrigError
+from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP, GAMUTS, KEEP, outside
 
 # f_r is the stored f_r · cos over the cosine, which is held from below at this value
 _SMALLEST_COSINE = 1e-6
@@ -53,7 +54,8 @@ class RglBrdf(Brdf):
     look-ups as Mitsuba's ``measured`` plugin; there ω is the camera's side and the cosine the
     light's, so ω is the view direction here and the cosine that of the illumination.
 
-    Measured colours outside the gamut have negative channels; they count as 0 here.
+    Measured colours outside the gamut have negative channels; they count as 0 unless ``gamut`` says
+    otherwise.
 
     Args:
         phi_nodes: azimuths of ω with tables, radians, increasing; one or two: isotropic. When
@@ -65,6 +67,7 @@ class RglBrdf(Brdf):
         vndf: density of visible normals, shape (n_phi, n_theta, height, width).
         rgb: shape (n_phi, n_theta, rows, columns, 3).
         jacobian: whether D / (4 σ) is a factor at all.
+        gamut: ``"clip"`` sets channels of colours outside sRGB to 0, ``"keep"`` keeps them.
 
     Raises:
         SimrigError: shapes or values that do not fit together.
@@ -83,13 +86,16 @@ class RglBrdf(Brdf):
         rgb: np.ndarray,
         jacobian: bool = True,
         name: str = "rgl",
+        gamut: str = CLIP,
     ):
         self.phi_nodes = tuple(float(p) for p in phi_nodes)
         self.theta_nodes = tuple(float(t) for t in theta_nodes)
         _check_nodes("phi_i", self.phi_nodes)
         _check_nodes("theta_i", self.theta_nodes)
         _check_tables(self.phi_nodes, self.theta_nodes, ndf, sigma, vndf, rgb)
-        self.isotropic = len(self.phi_nodes) <= 2
+        check_known("gamut", gamut, GAMUTS)
+        self.isotropic, self.gamut = len(self.phi_nodes) <= 2, gamut
+        self.outside = outside(np.asarray(rgb))
         self.jacobian, self.name = bool(jacobian), name
         density, marginal, conditional = distribution(vndf)
         self.vndf = read_only(vndf)
@@ -119,6 +125,7 @@ class RglBrdf(Brdf):
             "phi_nodes": list(self.phi_nodes),
             "theta_nodes": list(self.theta_nodes),
             "jacobian": self.jacobian,
+            **self._gamut(),
         }
 
     @classmethod
@@ -134,6 +141,7 @@ class RglBrdf(Brdf):
             data["rgb"],
             bool(structure["jacobian"]),
             name,
+            str(structure.get("gamut", CLIP)),
         )
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> _RglTables:
@@ -190,7 +198,7 @@ class RglBrdf(Brdf):
             for number, share in stack:
                 index = number * (rows * columns) + base + offset
                 total = multiply_add(gather_colour(rgb, index), weight * share, total)
-        return namespace(total).maximum(total, 0.0)
+        return total if self.gamut == KEEP else namespace(total).maximum(total, 0.0)
 
 
 def theta_to_unit(theta: Array) -> Array:

@@ -12,6 +12,7 @@ from simrig.brdf.tables.isotropic import IsotropicTable, bin_directions
 from simrig.brdf.tables.thin_plate import thin_plate
 from simrig.core.colour import FROM_XYZ, TO_XYZ
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP, in_gamut
 from simrig.directions.half_difference import to_half_difference
 from simrig.directions.spherical import to_angles, to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
@@ -38,6 +39,7 @@ class ScatteredSamples:
             negative.
         name: what reports call it.
         isotropic: whether only the difference of the azimuths was recorded.
+        gamut: what tables of them do with negative channels (``simrig.core.gamut``).
     """
 
     theta_i: np.ndarray
@@ -47,6 +49,7 @@ class ScatteredSamples:
     values: np.ndarray
     name: str = "samples"
     isotropic: bool = False
+    gamut: str = CLIP
 
     def __post_init__(self) -> None:
         count = len(self.theta_i)
@@ -110,6 +113,7 @@ class IsotropicInterpolator:
     """
 
     def __init__(self, samples: ScatteredSamples):
+        self.gamut = samples.gamut
         theta = np.maximum(samples.theta_i, samples.theta_v)
         self.theta_max = float(theta.max())
         # colours outside the gamut, whose RGB has negative channels, have logarithms in XYZ
@@ -155,12 +159,12 @@ class IsotropicInterpolator:
         return np.clip(logarithms, *self._range)
 
     def __call__(self, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
-        """Return linear RGB, shape (n, 3), clipped to the gamut, for directions (n, 3)."""
+        """Return linear RGB, shape (n, 3), for directions (n, 3)."""
         return self._colours(self.spline(self.coordinates(wi, wv)))
 
     def _colours(self, logarithms: np.ndarray) -> np.ndarray:
         xyz = np.exp(self.limited(logarithms)) - self._floor
-        return np.maximum(np.maximum(xyz, 0.0) @ FROM_XYZ.T, 0.0)
+        return in_gamut(np.maximum(xyz, 0.0) @ FROM_XYZ.T, self.gamut)
 
     def tabulate(self, shape: tuple[int, int, int]) -> np.ndarray:
         """Return the values in the bins of an isotropic table that is not reciprocal.
@@ -236,14 +240,18 @@ def interpolate_isotropic(
     interpolator = IsotropicInterpolator(samples)
     values = interpolator.tabulate(shape).astype(np.float32)
     return IsotropicTable(
-        values, theta_max=interpolator.theta_max, name=samples.name, reciprocal=False
+        values,
+        theta_max=interpolator.theta_max,
+        name=samples.name,
+        reciprocal=False,
+        gamut=samples.gamut,
     )
 
 
 def residual(samples: ScatteredSamples, predicted: np.ndarray) -> FitResidual:
     """Compare predictions at the samples' directions, shape (n, 3), with their values."""
-    truth = np.maximum(samples.values, 0.0)
-    size = truth.sum(axis=1)
+    truth = in_gamut(samples.values, samples.gamut)
+    size = np.abs(truth).sum(axis=1)
     smallest = _FLOOR * np.median(size) + np.finfo(float).tiny
     relative = np.abs(truth - predicted).sum(axis=1) / np.maximum(size, smallest)
     quantiles = np.quantile(relative, (0.5, 0.95))

@@ -21,6 +21,7 @@ from simrig.brdf.tables.resample import resample_dense
 from simrig.brdf.tables.scattered import ScatteredSamples
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP, in_gamut, outside
 from simrig.files.arrays import axes as axis_names
 from simrig.files.arrays.axes import COLOURS, HELP, Axis
 from simrig.files.arrays.containers import is_npy, read_arrays
@@ -38,6 +39,7 @@ def load_arrays(
     axes: str | None = None,
     variable: str | None = None,
     wavelength: float | None = None,
+    gamut: str = CLIP,
 ) -> tuple[Brdf, list[str]]:
     """Read a table of reflectance from a ``.npz``, ``.npy`` or ``.mat`` file.
 
@@ -47,6 +49,7 @@ def load_arrays(
         axes: what the axes of the array are, see ``axes.parse``; needed unless the file says it.
         variable: name of the array, where several could be it.
         wavelength: in nm, to take one of several as grey.
+        gamut: of colours outside sRGB, see ``simrig.core.gamut``.
 
     Returns:
         The table, and what was done and assumed.
@@ -88,7 +91,8 @@ def load_arrays(
         )
         nodes.append(found)
         notes += [assumed] if assumed else []
-    brdf, how = _table(path, angles, nodes, colours)
+    brdf, how = _table(path, angles, nodes, in_gamut(colours, gamut), gamut)
+    brdf.outside = outside(colours)
     return brdf, [*notes, *([unit] if unit else []), note, how]
 
 
@@ -181,13 +185,13 @@ def _colours(
         if waves is None or len(waves) != values.shape[-1]:
             raise SimrigError(f"'{path}' has no 'wavelength' array of {values.shape[-1]} nm")
         flat, note = to_rgb(values.reshape(-1, len(waves)), waves, f"'{path}'", wavelength)
-        return angles, np.maximum(flat, 0.0).reshape(*values.shape[:-1], 3), note
+        return angles, flat.reshape(*values.shape[:-1], 3), note
     if kind is None:
         return angles, np.repeat(values[..., :1], 3, axis=-1), "grey: no axis of colours"
     if values.shape[-1] != 3:
         raise SimrigError(f"the axis {kind} of '{path}' has {values.shape[-1]} channels, not 3")
     if kind == "xyz":
-        return angles, np.maximum(values @ FROM_XYZ.T, 0.0), "CIE XYZ to RGB"
+        return angles, values @ FROM_XYZ.T, "CIE XYZ to RGB"
     return angles, values, "RGB"
 
 
@@ -212,11 +216,11 @@ def _has_nodes(axis: Axis, stored: dict[str, np.ndarray]) -> bool:
 
 
 def _table(
-    path: Path, angles: list[Axis], nodes: list[np.ndarray], values: np.ndarray
+    path: Path, angles: list[Axis], nodes: list[np.ndarray], values: np.ndarray, gamut: str
 ) -> tuple[Brdf, str]:
     names = [axis.name for axis in angles]
     if "theta_h" in names:
-        return _half_difference(path, names, nodes, values)
+        return _half_difference(path, names, nodes, values, gamut)
     order = [n for n in ("theta_i", "theta_v", "phi_i", "phi_v", "dphi") if n in names]
     values = np.moveaxis(values, [names.index(n) for n in order], range(len(order)))
     held = [np.asarray(nodes[names.index(n)]) for n in order]
@@ -232,7 +236,7 @@ def _table(
             if len(held[number]) > 1 and held[number][-1] - held[number][0] > 360.0 - _SAME:
                 held[number] = held[number][:-1]
                 values = np.delete(values, -1, axis=number)
-        table = _regular(path, held, values)
+        table = _regular(path, held, values, gamut)
         if table is not None:
             return table, "a regular grid, held as it is"
     if values.size // 3 > _MOST_SAMPLES:
@@ -242,19 +246,21 @@ def _table(
         )
     if len(order) == 4:
         held, values = _even(path, held, values)
-        table = _regular(path, held, values)
+        table = _regular(path, held, values, gamut)
         if table is not None:
             return table, f"interpolated to every {held[0][1]:.3g}°"
     grid = [np.radians(g).ravel() for g in np.meshgrid(*held, indexing="ij")]
     flat = np.ascontiguousarray(values).reshape(-1, 3)
     samples = ScatteredSamples(
-        grid[0], 0.0 * grid[0], grid[1], grid[2], flat, path.stem, isotropic=True
+        grid[0], 0.0 * grid[0], grid[1], grid[2], flat, path.stem, isotropic=True, gamut=gamut
     )
     found = assemble(samples, "values")
     return found.brdf, found.how
 
 
-def _regular(path: Path, nodes: list[np.ndarray], values: np.ndarray) -> DenseTable | None:
+def _regular(
+    path: Path, nodes: list[np.ndarray], values: np.ndarray, gamut: str
+) -> DenseTable | None:
     theta_i, theta_v, phi_i, phi_v = nodes
     if len(theta_i) < 2 or theta_i.shape != theta_v.shape:
         return None
@@ -265,7 +271,8 @@ def _regular(path: Path, nodes: list[np.ndarray], values: np.ndarray) -> DenseTa
     if not all(np.allclose(a, b, atol=_SAME) for a, b in pairs):
         return None
     table = np.ascontiguousarray(values)
-    return DenseTable(table, np.radians(theta_i[1]), np.radians(theta_i[-1]), name=path.stem)
+    step, top = np.radians(theta_i[[1, -1]])
+    return DenseTable(table, step, top, name=path.stem, gamut=gamut)
 
 
 def _even(
@@ -295,14 +302,16 @@ def _even(
 
 
 def _half_difference(
-    path: Path, names: list[str], nodes: list[np.ndarray], values: np.ndarray
+    path: Path, names: list[str], nodes: list[np.ndarray], values: np.ndarray, gamut: str
 ) -> tuple[IsotropicTable, str]:
     order = [names.index(n) for n in ("theta_h", "theta_d", "phi_d")]
     values = np.moveaxis(values, order, range(3))
     held = [nodes[number] for number in order]
     if all(len(axis) == 0 for axis in held):
         full = values.shape[2] == 2 * MERL_SHAPE[2]
-        table = IsotropicTable(np.ascontiguousarray(values), name=path.stem, reciprocal=not full)
+        table = IsotropicTable(
+            np.ascontiguousarray(values), name=path.stem, reciprocal=not full, gamut=gamut
+        )
         turn = "a whole turn" if full else "half a turn"
         return table, f"bins assumed as in MERL, theta_h by its square root, phi_d over {turn}"
     for name, axis in zip(("theta_h", "theta_d", "phi_d"), held, strict=True):
@@ -312,7 +321,7 @@ def _half_difference(
         raise SimrigError(f"the array of '{path}' is too large to interpolate")
     grid = np.meshgrid(*(np.radians(axis) for axis in held), indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=-1)
-    found = half_difference_table(points, values.reshape(-1, 3), path.stem)
+    found = half_difference_table(points, values.reshape(-1, 3), path.stem, gamut)
     if found is None:
         raise SimrigError(f"'{path}' has too few nodes of theta_h, theta_d or phi_d")
     return found, "interpolated to MERL's bins"

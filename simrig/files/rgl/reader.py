@@ -8,12 +8,15 @@ import numpy as np
 
 from simrig.brdf.tables.rgl import RglBrdf
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP
 from simrig.files.rgl.tensor_file import read_tensors
 
 _REQUIRED = ("description", "theta_i", "phi_i", "ndf", "sigma", "vndf", "jacobian")
 
 
-def read_rgl(path: str | Path, wavelengths: tuple[float, float] | None = None) -> RglBrdf:
+def read_rgl(
+    path: str | Path, wavelengths: tuple[float, float] | None = None, gamut: str = CLIP
+) -> RglBrdf:
     """Read an RGL file with RGB or spectral values.
 
     Spectra are converted to linear sRGB (see ``simrig.files.spectra``).
@@ -22,6 +25,7 @@ def read_rgl(path: str | Path, wavelengths: tuple[float, float] | None = None) -
         path: the file.
         wavelengths: first and last of evenly spaced ones in nm, of a file that has spectra and
             does not say theirs.
+        gamut: of colours outside sRGB, see ``RglBrdf``.
 
     Raises:
         SimrigError: not a tensor file, fields that are missing or do not fit together.
@@ -45,6 +49,7 @@ def read_rgl(path: str | Path, wavelengths: tuple[float, float] | None = None) -
             _colours(fields, wavelengths),
             jacobian=bool(np.ravel(fields["jacobian"])[:1].any()),
             name=path.stem,
+            gamut=gamut,
         )
     except SimrigError as error:
         raise SimrigError(f"'{path}': {error}") from error

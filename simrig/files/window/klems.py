@@ -20,6 +20,7 @@ from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.core.colour import FROM_XYZ, TO_XYZ
 from simrig.core.errors import SimrigError, check_known, unknown_name
+from simrig.core.gamut import CLIP, in_gamut, outside
 from simrig.directions.spherical import to_vector
 from simrig.files.atomic import atomic_write
 from simrig.files.window import xml
@@ -84,7 +85,12 @@ BASES: dict[str, KlemsBasis] = {
 
 
 def read_klems(
-    path: Path, layer: ElementTree.Element, blocks: list[xml.Block], side: str | None, clamp: bool
+    path: Path,
+    layer: ElementTree.Element,
+    blocks: list[xml.Block],
+    side: str | None,
+    clamp: bool,
+    gamut: str = CLIP,
 ) -> tuple[Brdf, list[str]]:
     """Return the material of a matrix file, and what was done.
 
@@ -112,7 +118,8 @@ def read_klems(
         values = values.swapaxes(0, 1)
     theta, phi = basis.centres()
     values = values[_opposite(basis)]  # from where the light travels to where it comes from
-    brdf = BarycentricBrdf(theta, phi, np.maximum(values, 0.0), name=path.stem)
+    brdf = BarycentricBrdf(theta, phi, in_gamut(values, gamut), name=path.stem, gamut=gamut)
+    brdf.outside = outside(values)
     return brdf, [f"Klems matrix of {basis.patches} patches", *notes, note]
 
 

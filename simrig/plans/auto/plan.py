@@ -78,6 +78,7 @@ class AutomaticPlan(Plan):
     implied_by: ClassVar[tuple[str, ...]] = ("until", "family")
     about: ClassVar[str] = "looks first, then measures where errors would show"
     adaptive: ClassVar[bool] = True
+    logarithms: ClassVar[bool] = True
     options: ClassVar[tuple[Option, ...]] = (
         Option("samples", int, "At most so many.", 1000, least=1, short="-n"),
         Goal("until", str, "Stop where this mean ΔE is predicted (dE=1); takes all else."),

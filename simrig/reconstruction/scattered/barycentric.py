@@ -25,4 +25,5 @@ def reconstruct_barycentric(measurement: MeasuredPairs) -> BarycentricBrdf:
         pairs.values.astype(np.float32),
         reciprocal=pairs.reciprocal,
         name=f"{measurement.material} from {len(measurement.values)} samples, barycentric",
+        gamut=measurement.gamut,
     )

@@ -55,5 +55,6 @@ def reconstruct_regular_grid(measurement: MeasuredPairs) -> DenseTable:
         float(theta[0, 0]),
         float(theta[-1, 0]),
         reciprocal=pairs.reciprocal,
+        gamut=measurement.gamut,
         name=f"{measurement.material}, regular grid of {len(measurement.values)} samples",
     )

@@ -13,6 +13,7 @@ from simrig.core.cost import stopwatch
 from simrig.core.effects import Overrides, Tolerance
 from simrig.core.effects import Plan as EffectPlan
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import KEEP
 from simrig.core.options import Option
 from simrig.instruments.description import GonioreflectometerDescription, shipped
 from simrig.instruments.instrument import AXES, Instrument, utia
@@ -104,11 +105,13 @@ class Gonioreflectometer(Rig):
         self._check_reach(angles)
         uncertainty = None
         if self.effects:
+            _check_sensor(material)
             values = record(material, angles, self.instrument, self.effects)
             uncertainty = recorded_uncertainty(values, angles, self.instrument, self.effects)
         else:
             values = at(material, angles)
-        bad = ~np.all(np.isfinite(values) & (values >= 0.0), axis=1)
+        least = -np.inf if material.gamut == KEEP else 0.0
+        bad = ~np.all(np.isfinite(values) & (values >= least), axis=1)
         if np.any(bad):
             raise SimrigError(
                 f"'{material.name}' is negative or not finite at theta_i, theta_v, phi_i, "
@@ -143,6 +146,7 @@ class Gonioreflectometer(Rig):
         Adaptive plans look where f_r changes, which is also where effects change it most. So the
         bounds are computed at the directions that a measurement without effects takes.
         """
+        _check_sensor(material)
         ideal = replace(self, effects=(), effect_plan=None)
         found = ideal.measure(material, plan.probe(_MOST_PROBED))
         chosen = plan_directions(
@@ -197,6 +201,14 @@ class Gonioreflectometer(Rig):
             )
             for own, material in zip(found, materials, strict=True)
         ]
+
+
+def _check_sensor(material: Brdf) -> None:
+    if material.gamut == KEEP:
+        raise SimrigError(
+            f"'{material.name}' keeps colours outside sRGB, whose channels are negative, and a "
+            "sensor has no negative exposures: measure it with an ideal rig, or with gamut 'clip'"
+        )
 
 
 def _in_degrees(angles: np.ndarray) -> str:

@@ -12,7 +12,8 @@ import numpy as np
 from simrig.btf.stack import BtfStack
 from simrig.core.colour import encode_srgb
 from simrig.core.cost import Cost
-from simrig.core.errors import SimrigError
+from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP, GAMUTS
 from simrig.core.shown import Exhibit, Shown, beside
 from simrig.directions.discs import disc
 from simrig.plans.listed import Directions
@@ -44,6 +45,7 @@ class Measurement(Shown):
         pictures: from which the values come; None without any. They are what is stored then.
         provenance: plain values: rig, instrument, parameters, versions, fingerprint of the
             material.
+        gamut: with ``"keep"`` values are negative where colours are outside sRGB.
 
     Raises:
         SimrigError: arrays that do not fit together, polar angles outside [0, 90°), or values or
@@ -59,6 +61,7 @@ class Measurement(Shown):
     layout: Mapping[str, np.ndarray] = field(default_factory=dict)
     pictures: Pictures | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    gamut: str = CLIP
 
     def __post_init__(self) -> None:
         count = len(self.angles)
@@ -71,7 +74,7 @@ class Measurement(Shown):
         inside = np.all((theta >= 0.0) & (theta < np.pi / 2))  # false for NaN
         if not inside or not np.all(np.isfinite(self.angles)):
             raise SimrigError("a measurement needs polar angles in [0, 90) degrees, in radians")
-        _check_numbers("values of f_r", self.values, self.values.shape)
+        _check_numbers("values of f_r", self.values, self.values.shape, self.gamut)
         if self.uncertainty is not None:
             _check_numbers("uncertainties", self.uncertainty, self.values.shape)
         if self.plan is None:
@@ -92,7 +95,7 @@ class Measurement(Shown):
         """Return where light and viewer stood, with the colours seen there, and the cost."""
         bright = np.max(self.values, axis=1)
         white = float(np.percentile(bright, 98.0)) or float(bright.max()) or 1.0
-        colours = encode_srgb(self.values / white)
+        colours = encode_srgb(np.maximum(self.values, 0.0) / white)
         picture = beside(
             [disc(self.theta_i, self.phi_i, colours), disc(self.theta_v, self.phi_v, colours)]
         )
@@ -110,7 +113,7 @@ class Measurement(Shown):
     def _uncertainty_text(self) -> str:
         if self.uncertainty is None:
             return "not known"
-        share = np.median(self.uncertainty / np.maximum(self.values, np.finfo(float).tiny))
+        share = np.median(self.uncertainty / np.maximum(np.abs(self.values), np.finfo(float).tiny))
         return f"standard uncertainty {100.0 * share:.3g} % of the values (median)"
 
     @property
@@ -155,8 +158,11 @@ class Measurement(Shown):
         return load_measurement(path)
 
 
-def _check_numbers(what: str, values: np.ndarray, shape: tuple[int, ...]) -> None:
+def _check_numbers(
+    what: str, values: np.ndarray, shape: tuple[int, ...], gamut: str = CLIP
+) -> None:
     if values.shape != shape:
         raise SimrigError(f"a measurement needs {what} {shape}, got {values.shape}")
-    if not np.all(np.isfinite(values)) or values.min() < 0.0:
+    check_known("gamut", gamut, GAMUTS)
+    if not np.all(np.isfinite(values)) or (gamut == CLIP and values.min() < 0.0):
         raise SimrigError(f"a measurement holds negative, infinite or NaN {what}")

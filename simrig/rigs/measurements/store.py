@@ -21,6 +21,7 @@ import numpy as np
 from simrig.btf.stack import BtfStack
 from simrig.core.cost import Cost
 from simrig.core.errors import SimrigError
+from simrig.core.gamut import CLIP
 from simrig.files import hdf5
 from simrig.files.atomic import atomic_write
 from simrig.files.btf.hdf5 import CONTENT as BTF
@@ -53,6 +54,8 @@ def save_measurement(path: str | Path, measurement: Measurement) -> None:
         return
     with hdf5.create(path, CONTENT, measurement.provenance) as file:
         file.attrs.update(attributes)
+        if measurement.gamut != CLIP:
+            file.attrs["gamut"] = measurement.gamut
         hdf5.write_array(file, "angles", measurement.angles, "radian")
         hdf5.write_array(file, "values", measurement.values, "1/sr")
         if measurement.uncertainty is not None:
@@ -91,6 +94,7 @@ def load_measurement(path: str | Path) -> Measurement:
                 uncertainty,
                 layout,
                 provenance=hdf5.provenance_of(file),
+                gamut=str(file.attrs.get("gamut", CLIP)),
             )
         except (SimrigError, TypeError, KeyError, ValueError, RecursionError) as error:
             said = error if isinstance(error, SimrigError) else "its plan or cost is malformed"
