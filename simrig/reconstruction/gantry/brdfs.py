@@ -20,6 +20,7 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.gamut import CLIP
 from simrig.plans.gantry import measured_plan
 from simrig.plans.protocol import Measured
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
@@ -125,6 +126,7 @@ class SubspaceNodes:
             azimuths of illumination, of view, the last fastest.
         values: f_r, (n, channels).
         material: what it is called.
+        gamut: they are not negative.
     """
 
     theta_i: np.ndarray
@@ -133,6 +135,7 @@ class SubspaceNodes:
     phi_v: np.ndarray
     values: np.ndarray
     material: str
+    gamut: str = CLIP
 
     @classmethod
     def of(cls, thetas: Sequence[float], measured: np.ndarray, material: str) -> SubspaceNodes:
