@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from simrig.core.effects import Plan
+from simrig.core.effects import EffectPlan
 from simrig.evaluation.metrics import images as metrics
 
 POINT = {"type": "point", "position": [3.0, 3.0, 3.0], "intensity": 20.0}
@@ -35,7 +35,7 @@ def change(reference: np.ndarray, picture: np.ndarray, exposure: float) -> float
     return float(metrics.delta_e_map(reference, picture, exposure)[mask].mean())
 
 
-def bound_of(plan: Plan, effect: str) -> float:
+def bound_of(plan: EffectPlan, effect: str) -> float:
     """Return the most that leaving an effect out changes, infinite where nobody knows."""
     bound = plan.decision(effect).bound
     return math.inf if bound is None else bound.value

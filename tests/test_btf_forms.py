@@ -231,3 +231,20 @@ def test_a_method_of_another_shape_or_without_values_is_refused(stack) -> None:
     for found in (np.ones((3, 1, 3)), np.full((841, 96, 3), np.nan)):
         with pytest.raises(SimrigError, match="finite ones of shape"):
             sliced_stack(stack, np.arange(5), lambda _, found=found: found, stack.angles)
+
+
+def test_what_float16_does_not_hold_is_kept_in_float32() -> None:
+    stack = bumps((2, 2), (8.0, 8.0), "uniform_1")
+    half = BtfStack(np.asarray(stack.values, dtype=np.float16), stack.angles, stack.size_mm)
+    few = half.angles[:3]
+
+    def overshoots(values: np.ndarray) -> np.ndarray:
+        return np.full((3, values.shape[1], 3), 1e6)
+
+    def stays(values: np.ndarray) -> np.ndarray:
+        return np.full((3, values.shape[1], 3), -1.0)
+
+    made = sliced_stack(half, np.arange(2), overshoots, few)
+    assert made.values.dtype == np.float32 and np.all(made.values == 1e6)
+    dark = sliced_stack(half, np.arange(2), stays, few)
+    assert dark.values.dtype == np.float16 and not np.any(dark.values)

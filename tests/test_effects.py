@@ -11,7 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refused
-from simrig.core.effects import Bound, Effect, Overrides, Plan, Tolerance, decide, parse_tolerance
+from simrig.core.effects import (
+    Bound,
+    Effect,
+    EffectPlan,
+    Overrides,
+    Tolerance,
+    decide,
+    parse_tolerance,
+)
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,7 @@ def test_what_cannot_be_bounded_stays_on() -> None:
 )
 def test_left_out_bounds_never_exceed_the_tolerance(values: list, allowed: float) -> None:
     tolerance = Tolerance("dE", allowed)
-    plan = Plan(decide(effects(*values), None, tolerance), {}, tolerance)
+    plan = EffectPlan(decide(effects(*values), None, tolerance), {}, tolerance)
     assert plan.left_out <= allowed * (1.0 + 1e-9)
     for value, decision in zip(values, plan.effects, strict=True):
         assert decision.on or value is not None
@@ -106,7 +114,7 @@ def test_tolerances_are_read_and_shared() -> None:
 def test_a_plan_gives_plain_values() -> None:
     tolerance = Tolerance("relative", 0.01)
     made = decide(effects(0.0, None, math.inf), None, tolerance)
-    plan = Plan(made, {"spp": 4}, tolerance, {"exposure": 2.0}).as_dict()
+    plan = EffectPlan(made, {"spp": 4}, tolerance, {"exposure": 2.0}).as_dict()
     assert [set(e) for e in plan["effects"]] == [{"effect", "bound", "on", "why", "cost_s"}] * 3
     assert [e["bound"] for e in plan["effects"]] == [0.0, None, None]
     assert (plan["settings"], plan["unit"], plan["exposure"]) == (
@@ -114,12 +122,12 @@ def test_a_plan_gives_plain_values() -> None:
         "relative radiance",
         2.0,
     )
-    refused("unknown effect", Plan(made, {}, tolerance).on, "e9")
+    refused("unknown effect", EffectPlan(made, {}, tolerance).on, "e9")
 
 
 def test_settings_are_told_in_one_line() -> None:
     settings = {"spp": 4, "structure_within_mm": {"floor.btf": 1234.56, "ball.btf": 0.0}}
-    plan = Plan((), settings, parse_tolerance("dE=1"))
+    plan = EffectPlan((), settings, parse_tolerance("dE=1"))
     assert plan.settings_line == "spp 4, structure_within_mm floor.btf=1235 ball.btf=0"
 
 

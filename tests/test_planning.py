@@ -12,7 +12,7 @@ from planning_scenes import POINT, bound_of, change, simple
 
 from simrig.cli.effect_options import plan_lines
 from simrig.core import backend
-from simrig.core.effects import Plan
+from simrig.core.effects import EffectPlan
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics import images as metrics
 from simrig.files.load import load_material
@@ -31,12 +31,12 @@ def variant() -> None:
     backend.select("llvm_ad_rgb")
 
 
-def converged(scene: Any, plan: Plan, seed: int, spp: int = CONVERGED) -> np.ndarray:
+def converged(scene: Any, plan: EffectPlan, seed: int, spp: int = CONVERGED) -> np.ndarray:
     loaded = rendering.load(scene)
     return rendering.render(loaded, spp, seed, planned_integrator(loaded, plan)).image
 
 
-def noise(scene: Any, plan: Plan, exposure: float) -> float:
+def noise(scene: Any, plan: EffectPlan, exposure: float) -> float:
     """Return how far two converged pictures are apart that simulate the same."""
     return change(converged(scene, plan, 11), converged(scene, plan, 12), exposure)
 

@@ -9,7 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from simrig.core.effects import Plan
+from simrig.core.effects import EffectPlan
 from simrig.evaluation.metrics.replicates import Replicates, converged
 from simrig.planning import as_planned, plan_scene, planned_integrator
 from simrig.planning.integrators import DIRECT_DEPTH
@@ -33,7 +33,7 @@ class Pictures:
         everything: the picture with everything, as two independent halves.
     """
 
-    def __init__(self, scene: Any, plan: Plan, budget_seconds: float, seed: int = 0) -> None:
+    def __init__(self, scene: Any, plan: EffectPlan, budget_seconds: float, seed: int = 0) -> None:
         """Render the picture with everything until its noise is small or its time is spent."""
         self.scene = scene
         self.plan = plan
@@ -53,7 +53,7 @@ class Pictures:
 
     def planned(
         self, enable: Iterable[str] = (), disable: Iterable[str] = (), everything: bool = False
-    ) -> Plan:
+    ) -> EffectPlan:
         """Return a plan of the scene at the same exposure, with overrides."""
         return plan_scene(
             self.scene,
@@ -65,7 +65,7 @@ class Pictures:
             exposure=self.exposure,
         )
 
-    def of(self, plan: Plan) -> Replicates:
+    def of(self, plan: EffectPlan) -> Replicates:
         """Return the picture of a plan: samples as for ``everything``, fewer when time is short."""
         key = self.key(plan)
         if key not in self._rendered:
@@ -82,13 +82,13 @@ class Pictures:
         """Return the standard error of a picture, in the tolerance's unit."""
         return picture.standard_errors(self.exposure)[self.plan.tolerance.metric]
 
-    def key(self, plan: Plan) -> str:
+    def key(self, plan: EffectPlan) -> str:
         """Return what tells pictures apart: variant, integrator and structure."""
         integrator = planned_integrator(self.loaded(plan), plan)
         within = plan.settings.get("structure_within_mm", {})
         return f"{plan.settings['variant']} {sorted(integrator.items())} {sorted(within.items())}"
 
-    def loaded(self, plan: Plan) -> Any:
+    def loaded(self, plan: EffectPlan) -> Any:
         """Return the scene, loaded in the plan's variant, which is selected."""
         variant = plan.settings["variant"]
         source = scene_source_in(self.scene, variant)
@@ -96,13 +96,13 @@ class Pictures:
             self._loaded[variant] = rendering.load(source.build())
         return self._loaded[variant]
 
-    def render(self, plan: Plan, spp: int, seed: int) -> rendering.RenderResult:
+    def render(self, plan: EffectPlan, spp: int, seed: int) -> rendering.RenderResult:
         """Render with the integrator of a plan."""
         scene = self.loaded(plan)
         with as_planned(scene, plan) as integrator:
             return rendering.render(scene, spp, seed, integrator)
 
-    def _render_one(self, plan: Plan) -> Callable[[int, int], rendering.RenderResult]:
+    def _render_one(self, plan: EffectPlan) -> Callable[[int, int], rendering.RenderResult]:
         scene = self.loaded(plan)
 
         def render(spp: int, seed: int) -> rendering.RenderResult:

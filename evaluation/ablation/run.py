@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.effects import Decision, Plan, Tolerance
+from simrig.core.effects import Decision, EffectPlan, Tolerance
 from simrig.evaluation.ablation.pictures import Pictures
 from simrig.evaluation.metrics.images import foreground_mask, psnr_from_mse
 from simrig.evaluation.metrics.replicates import Change, difference, distances
@@ -101,7 +101,7 @@ class Ablation:
         planned_seconds: of the planned render; the plan's ``render_s`` is what was expected.
     """
 
-    plan: Plan
+    plan: EffectPlan
     rows: tuple[Row, ...]
     spp: int
     noise: float
@@ -184,13 +184,13 @@ def effect_rows(pictures: Pictures, decision: Decision) -> Iterator[Row]:
             yield _added(pictures, decision, forced)
 
 
-def plan_row(pictures: Pictures, plan: Plan) -> Row:
+def plan_row(pictures: Pictures, plan: EffectPlan) -> Row:
     """Return what all that a plan leaves out changes together, noise apart."""
     bound = plan.tolerance.times(LEFT_OUT_SHARE).amount
     return _compare(pictures, (PLAN, LEFT_OUT, True, bound), pictures.full, plan)
 
 
-def planned_render_row(pictures: Pictures, plan: Plan) -> tuple[Row, RenderResult]:
+def planned_render_row(pictures: Pictures, plan: EffectPlan) -> tuple[Row, RenderResult]:
     """Return how far the planned render is off, its own noise included, and the render."""
     result = planned_render(pictures.scene, plan, seed=pictures.seed + 1)
     note = f"{plan.settings['spp']} samples per pixel; their noise counts"
@@ -217,7 +217,7 @@ def _left_out(pictures: Pictures, decision: Decision) -> Row:
     return _compare(pictures, (decision.effect, LEFT_OUT, decision.on, most), base, without, note)
 
 
-def _added(pictures: Pictures, decision: Decision, forced: Plan) -> Row:
+def _added(pictures: Pictures, decision: Decision, forced: EffectPlan) -> Row:
     """Return what adding an effect to the plan changes, with what it needs."""
     along = [name for name in _on(forced) if name not in (*_on(pictures.plan), decision.effect)]
     names = (decision.effect, *along)
@@ -228,7 +228,7 @@ def _added(pictures: Pictures, decision: Decision, forced: Plan) -> Row:
     return _compare(pictures, about, forced, pictures.plan, note)
 
 
-def _on(plan: Plan) -> list[str]:
+def _on(plan: EffectPlan) -> list[str]:
     return [d.effect for d in plan.effects if d.on and d.effect != ANTI_ALIASING]
 
 
@@ -236,7 +236,7 @@ _About = tuple[str, str, bool, float | None]  # effect, what, on, bound
 
 
 def _compare(
-    pictures: Pictures, about: _About, with_it: Plan, without: Plan, note: str = ""
+    pictures: Pictures, about: _About, with_it: EffectPlan, without: EffectPlan, note: str = ""
 ) -> Row:
     """Compare two pictures of the same samples, one with an effect that the other has not."""
     if pictures.key(with_it) == pictures.key(without):
@@ -278,7 +278,7 @@ def _off(
     pictures: Pictures,
     about: _About,
     tolerance: Tolerance,
-    reference: Plan,
+    reference: EffectPlan,
     renders: Sequence[RenderResult],
     note: str,
 ) -> Row:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from simrig.brdf.protocol import Brdf
-from simrig.core.effects import Plan
+from simrig.core.effects import EffectPlan
 from simrig.core.errors import SimrigError
 from simrig.evaluation.experiment.config import Experiment, SceneSettings
 from simrig.files.load import load_material
@@ -17,7 +17,7 @@ from simrig.rendering.render import automatic_exposure
 from simrig.scenes import build_scene
 
 
-def plan_experiment(config: Experiment) -> dict[str, Plan]:
+def plan_experiment(config: Experiment) -> dict[str, EffectPlan]:
     """Return a plan for each scene of an experiment, with the experiment's material on it.
 
     A Mitsuba variant must be selected.
@@ -34,7 +34,7 @@ def plan_experiment(config: Experiment) -> dict[str, Plan]:
     }
 
 
-def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Brdf) -> Plan:
+def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Brdf) -> EffectPlan:
     """Return the plan of one scene, by which all of its pictures are made.
 
     Args:

@@ -12,6 +12,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf
 from simrig.core import backend
 from simrig.core.errors import SimrigError
+from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics.pointwise import BINS, bin_of, log_difference
 
@@ -30,7 +31,7 @@ class AngularGrid:
     """
 
     step_deg: float = 2.0
-    theta_max_deg: float = 80.0
+    theta_max_deg: float = LARGEST_THETA_DEG
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.step_deg) and 0.0 < self.step_deg <= 180.0):

@@ -12,6 +12,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf
 from simrig.core.shown import Exhibit, Shown, beside
 from simrig.core.tables import text_table
+from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.evaluation.metrics import images as metrics
 from simrig.evaluation.metrics.angular_grid import CHANNELS, AngularGrid, grid_sums
 from simrig.evaluation.metrics.meanings import BRDF_METRICS, IMAGE_METRICS, Metric
@@ -291,7 +292,7 @@ def compare_brdfs(
     approximation: Brdf | np.ndarray,
     *,
     step_deg: float = 2.0,
-    theta_max_deg: float = 80.0,
+    theta_max_deg: float = LARGEST_THETA_DEG,
 ) -> BrdfComparison:
     """Compare a BRDF with the truth over the whole grid of direction pairs.
 

@@ -20,6 +20,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.core import backend
 from simrig.core.errors import SimrigError
+from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics.angular_grid import (
     CHANNELS,
@@ -76,7 +77,7 @@ def mre_exact(
     approximation: Brdf | np.ndarray,
     *,
     step_deg: float = 2.0,
-    theta_max_deg: float = 80.0,
+    theta_max_deg: float = LARGEST_THETA_DEG,
 ) -> RelativeError:
     """Return the MRE over every direction pair of the grid.
 
@@ -146,7 +147,7 @@ def mre_estimate(
     relative_standard_error: float | None = None,
     most: int | None = None,
     step_deg: float = 2.0,
-    theta_max_deg: float = 80.0,
+    theta_max_deg: float = LARGEST_THETA_DEG,
 ) -> RelativeError:
     """Return an unbiased estimate of ``mre_exact`` from a stratified random subset of its grid.
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core import backend
-from simrig.core.effects import Plan, Tolerance
+from simrig.core.effects import EffectPlan, Tolerance
 from simrig.core.tables import text_table
 from simrig.evaluation.ablation.pictures import Pictures
 from simrig.evaluation.ablation.run import effect_rows, plan_row, planned_render_row
@@ -153,7 +153,7 @@ def _cell(
     return rows, [{key: check[key] for key in kept} for check in checks]
 
 
-def _row(pictures: Pictures, plan: Plan) -> dict[str, Any]:
+def _row(pictures: Pictures, plan: EffectPlan) -> dict[str, Any]:
     judged, result = _judged(pictures, plan)
     everything = plan_scene(
         pictures.scene, plan.tolerance, everything=True, exposure=pictures.exposure
@@ -176,7 +176,7 @@ def _row(pictures: Pictures, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _judged(pictures: Pictures, plan: Plan) -> tuple[dict[str, Any], RenderResult]:
+def _judged(pictures: Pictures, plan: EffectPlan) -> tuple[dict[str, Any], RenderResult]:
     """Return how far the planned render is from the reference, and the render."""
     off, result = planned_render_row(pictures, plan)
     judged = {

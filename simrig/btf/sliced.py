@@ -11,11 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simrig.btf.stack import BtfStack
+from simrig.btf.stack import LARGEST_HALF, BtfStack
 from simrig.core.errors import SimrigError
 
 _AT_ONCE = 1 << 26  # bytes of the float64 values of some texels at all pairs
-_LARGEST = {2: 65504.0, 4: float(np.finfo(np.float32).max)}  # by the bytes of a value
 
 
 def sliced_stack(
@@ -36,7 +35,8 @@ def sliced_stack(
         progress: called with texels done and in total.
 
     Returns:
-        A stack of the type of the measured one.
+        A stack of the type of the measured one; of float32 where float16 does not hold what the
+        method made.
 
     Raises:
         SimrigError: a method that returns another shape, or values that are not finite.
@@ -55,7 +55,10 @@ def sliced_stack(
                 f"the method made values of shape {found.shape} for BTF '{measured.name}', finite "
                 f"ones of shape {values[:, part].shape} are needed"
             )
-        values[:, part] = np.clip(found, 0.0, _LARGEST[dtype.itemsize])
+        if dtype == np.float16 and found.max() > LARGEST_HALF:  # a method may overshoot
+            dtype = np.dtype(np.float32)
+            values = values.astype(dtype)
+        values[:, part] = np.maximum(found, 0.0)
         if progress is not None:
             progress(part.stop, texels)
     return BtfStack(

@@ -22,6 +22,7 @@ from simrig.directions.spherical import to_vector
 
 BLOCK_BYTES = 1 << 26  # of float32 texels that are read from a stack at once
 LARGEST_IMAGE = 1 << 30  # bytes of float32; a larger one is read by rows or not at all
+LARGEST_HALF = float(np.finfo(np.float16).max)
 _CHANNELS = 3
 
 

@@ -15,7 +15,7 @@ from simrig.core.effects import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.core.effects import Plan
+    from simrig.core.effects import EffectPlan
     from simrig.evaluation.experiment.config import Experiment
 
 Tolerance = Annotated[
@@ -87,7 +87,7 @@ def seconds_of(text: str) -> float:
     return seconds
 
 
-def planned(subject: Any, effects: Effects, budget: str | None, **options: Any) -> Plan:
+def planned(subject: Any, effects: Effects, budget: str | None, **options: Any) -> EffectPlan:
     """Return the plan of a scene for a tolerance, or for a time.
 
     Raises:
@@ -104,7 +104,7 @@ def planned(subject: Any, effects: Effects, budget: str | None, **options: Any) 
     return plan_budget(subject, seconds_of(budget), allowed, **options)
 
 
-def plan_table(plan: Plan, title: str = "") -> Any:
+def plan_table(plan: EffectPlan, title: str = "") -> Any:
     """Return a plan as a table for the terminal."""
     rows = [
         (
@@ -120,7 +120,7 @@ def plan_table(plan: Plan, title: str = "") -> Any:
     return frame.table(columns, rows, title)
 
 
-def plan_lines(plan: Plan) -> list[str]:
+def plan_lines(plan: EffectPlan) -> list[str]:
     """Return the settings of a plan in one line, and in another that its tolerance is not kept."""
     line = (
         f"{plan.tolerance}: {plan.settings_line}; planned in {plan.about['planning_s']:.2f} s, "
@@ -133,7 +133,7 @@ def plan_lines(plan: Plan) -> list[str]:
     return [*lines, *([plan.about["advice"]] if plan.about["advice"] else [])]
 
 
-def _over_time(plan: Plan) -> str:
+def _over_time(plan: EffectPlan) -> str:
     """Return the error to expect of less and of more time, in one line."""
     rows = plan.about["over_time"]
     texts = [

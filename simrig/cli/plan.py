@@ -20,7 +20,7 @@ from simrig.cli.scene_argument import (
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.core.effects import Plan
+    from simrig.core.effects import EffectPlan
 
 
 def plan(
@@ -65,7 +65,7 @@ def plan(
     return frame.Report(data={**about, **planned.as_dict()}, shown=_shown(planned, scene))
 
 
-def _shown(planned: Plan, title: str) -> list[Any]:
+def _shown(planned: EffectPlan, title: str) -> list[Any]:
     heading = f"{title}: {planned.about['scene']}"
     return [effect_options.plan_table(planned, heading), *effect_options.plan_lines(planned)]
 

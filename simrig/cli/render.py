@@ -23,7 +23,7 @@ from simrig.cli.scene_argument import Define, Scale, Sensor
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
-    from simrig.core.effects import Plan
+    from simrig.core.effects import EffectPlan
 
 _SPP = 64  # where nothing is planned
 
@@ -187,7 +187,7 @@ def _subject(
     return build, {"scene": scene, "material": material}
 
 
-def _exposure(planned: Plan | None, image: Any) -> float:
+def _exposure(planned: EffectPlan | None, image: Any) -> float:
     """Return the factor with which a picture is shown: that of its plan, or what suits it."""
     from simrig.rendering.render import display_exposure
 
@@ -196,7 +196,7 @@ def _exposure(planned: Plan | None, image: Any) -> float:
     return display_exposure(image) if (image > 0.0).any() else 1.0
 
 
-def _shown(planned: Plan | None) -> list[Any]:
+def _shown(planned: EffectPlan | None) -> list[Any]:
     if planned is None:
         return []
     return [effect_options.plan_table(planned), *effect_options.plan_lines(planned)]

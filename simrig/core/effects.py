@@ -186,7 +186,7 @@ def replaced(decisions: Iterable[Decision], effect: str, **changes: Any) -> tupl
 
 
 @dataclass(frozen=True, repr=False)
-class Plan(Shown):
+class EffectPlan(Shown):
     """Which effects a result simulates, and the settings that follow.
 
     Attributes:

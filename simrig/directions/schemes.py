@@ -37,7 +37,7 @@ from simrig.core.errors import SimrigError, check_known
 from simrig.directions.spherical import to_vector
 
 _LADDER_DEG = (60, 36, 30, 20, 18, 12, 10, 6)  # azimuth steps of the uniform schemes
-_THETA_MAX_DEG = 80
+LARGEST_THETA_DEG = 80.0  # that of the thesis; real arms do not reach much further
 
 
 @dataclass(frozen=True)
@@ -154,11 +154,13 @@ def hemisphere_151() -> HemisphereScheme:
 
 def _uniform_rings(count: int, shift: int) -> tuple[Ring, ...]:
     """Return the pole and ``count`` rings whose azimuth steps start ``shift`` rungs up."""
-    step_deg = 2 * -(-_THETA_MAX_DEG // (2 * count))  # the smallest even step that reaches the end
+    step_deg = 2 * -(
+        -int(LARGEST_THETA_DEG) // (2 * count)
+    )  # the smallest even step that reaches the end
     rings = [Ring(0.0, 1)]
     for index in range(count):
         azimuth_step_deg = _LADDER_DEG[min(index + shift, len(_LADDER_DEG) - 1)]
-        theta_deg = min((index + 1) * step_deg, _THETA_MAX_DEG)
+        theta_deg = min((index + 1) * step_deg, int(LARGEST_THETA_DEG))
         rings.append(Ring(float(theta_deg), 360 // azimuth_step_deg))
     return tuple(rings)
 

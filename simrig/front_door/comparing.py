@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from simrig.core.errors import SimrigError
+from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.evaluation.metrics.comparison import (
     BrdfComparison,
     Comparison,
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
     AnyPicture = np.ndarray | RenderResult | Picture
 
-_THETA_MAX_DEG = 80.0
 _PICTURE, _MATERIAL = "picture", "material"
 _OF_MATERIALS = {"step_deg": 2.0, "theta_max_deg": None}
 _OF_PICTURES = {"exposure": 1.0, "foreground": False, "difference_scale": 10.0}
@@ -141,10 +141,10 @@ def _options(given: dict[str, Any], known: dict[str, Any], kind: str) -> dict[st
 
 def _last_step(step_deg: float) -> float:
     """Return the largest polar angle of a grid: the last step up to 80 degrees."""
-    if not 0.0 < step_deg <= _THETA_MAX_DEG:
-        return _THETA_MAX_DEG
-    steps = math.floor(_THETA_MAX_DEG / step_deg + 1e-9)
-    return step_deg * steps if steps > 1 else _THETA_MAX_DEG
+    if not 0.0 < step_deg <= LARGEST_THETA_DEG:
+        return LARGEST_THETA_DEG
+    steps = math.floor(LARGEST_THETA_DEG / step_deg + 1e-9)
+    return step_deg * steps if steps > 1 else LARGEST_THETA_DEG
 
 
 def _kinds(item: Any) -> set[str]:

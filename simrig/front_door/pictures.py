@@ -19,7 +19,7 @@ from simrig.plugins import make_bsdf, make_btf
 from simrig.scenes import SCENES, build_scene
 
 if TYPE_CHECKING:
-    from simrig.core.effects import Plan
+    from simrig.core.effects import EffectPlan
     from simrig.rendering.render import RenderResult
 
 _SPP = 64  # where nothing is planned
@@ -107,7 +107,7 @@ def plan(
     disable: Iterable[str] = (),
     everything: bool = False,
     exposure: float | None = None,
-) -> Plan:
+) -> EffectPlan:
     """Return which effects a picture of a scene calls for, and the settings that follow.
 
     Nothing is rendered but a look at the scene.
@@ -149,7 +149,7 @@ def render(
     spp: int | None = None,
     integrator: str | None = None,
     tolerance: str | Tolerance | None = None,
-    plan: Plan | None = None,
+    plan: EffectPlan | None = None,
     enable: Iterable[str] = (),
     disable: Iterable[str] = (),
     everything: bool = False,
@@ -202,7 +202,7 @@ def render(
 
 def _by_plan(
     scene: Any,
-    plan: Plan,
+    plan: EffectPlan,
     verify: bool,
     seed: int,
     progress: Callable[[int, int], None] | None,
@@ -221,6 +221,6 @@ def _planned(
     enable: Iterable[str],
     disable: Iterable[str],
     everything: bool,
-) -> Plan:
+) -> EffectPlan:
     allowed = DEFAULT_TOLERANCE if tolerance is None else tolerance
     return plan(scene, allowed, enable=enable, disable=disable, everything=everything)

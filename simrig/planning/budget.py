@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.effects import Overrides, Plan, Tolerance, parse_tolerance
+from simrig.core.effects import EffectPlan, Overrides, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.planning.loading import planned_subject, planning_times
 from simrig.planning.overrides import checked_overrides
@@ -36,7 +36,7 @@ def plan_budget(
     variant: str = "auto",
     exposure: float | Callable[[np.ndarray], float] | None = None,
     sensor: int = 0,
-) -> Plan:
+) -> EffectPlan:
     """Return the plan of the best picture of a scene that a time allows, compilation apart.
 
     Args:
@@ -68,7 +68,7 @@ def plan_budget(
 
 def _best(
     subject: SceneSubject, seconds: float, tolerance: Tolerance, overrides: Overrides
-) -> Plan:
+) -> EffectPlan:
     """Return the plan of the tightest tolerance that fits into a time, with the samples to fill it.
 
     The coarsest where none does.

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.core import backend
-from simrig.core.effects import Overrides, Plan
+from simrig.core.effects import EffectPlan, Overrides
 from simrig.core.errors import SimrigError
 from simrig.planning.effects import SPECTRAL, spectral_bound
 from simrig.planning.source import SceneSource, scene_source_in
@@ -65,7 +65,7 @@ def planned_subject(
 
 
 @contextmanager
-def subject_of_plan(scene: Any, plan: Plan) -> Iterator[SceneSubject]:
+def subject_of_plan(scene: Any, plan: EffectPlan) -> Iterator[SceneSubject]:
     """Load a scene in the variant of its plan, which is set while the context lasts."""
     before = mi.variant()
     try:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from simrig.core.effects import Plan
+from simrig.core.effects import EffectPlan
 from simrig.planning.directional import Environment
 from simrig.planning.integrators import direct_integrator, path_integrator
 from simrig.planning.light_tracing import light_tracer
@@ -17,7 +17,7 @@ from simrig.rendering import render as rendering
 
 def planned_render(
     scene: Any,
-    plan: Plan,
+    plan: EffectPlan,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> rendering.RenderResult:
@@ -34,7 +34,7 @@ def planned_render(
 
 def render_loaded(
     scene: Any,
-    plan: Plan,
+    plan: EffectPlan,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
     spp: int | None = None,
@@ -60,7 +60,7 @@ def render_loaded(
 
 
 @contextmanager
-def as_planned(scene: Any, plan: Plan) -> Iterator[dict[str, Any]]:
+def as_planned(scene: Any, plan: EffectPlan) -> Iterator[dict[str, Any]]:
     """Show the structure of a scene's materials as far as planned, as long as the context lasts.
 
     Args:
@@ -74,7 +74,7 @@ def as_planned(scene: Any, plan: Plan) -> Iterator[dict[str, Any]]:
         yield planned_integrator(scene, plan)
 
 
-def planned_integrator(scene: Any, plan: Plan) -> dict[str, Any]:
+def planned_integrator(scene: Any, plan: EffectPlan) -> dict[str, Any]:
     """Return the integrator of a plan as a Mitsuba dictionary; see ``as_planned`` for BTFs.
 
     Args:

@@ -19,8 +19,8 @@ from simrig.core import backend
 from simrig.core.effects import (
     Bound,
     Decision,
+    EffectPlan,
     Overrides,
-    Plan,
     Tolerance,
     decide,
     left_out,
@@ -70,7 +70,7 @@ def plan_scene(
     variant: str = "auto",
     exposure: float | Callable[[np.ndarray], float] | None = None,
     sensor: int = 0,
-) -> Plan:
+) -> EffectPlan:
     """Return which effects a picture of a scene calls for, and the settings that follow.
 
     Args:
@@ -105,7 +105,7 @@ def plan_scene(
 
 def plan_subject(
     subject: SceneSubject, tolerance: Tolerance, overrides: Overrides, seconds: float | None = None
-) -> Plan:
+) -> EffectPlan:
     """Return the plan of a scene that is loaded, in the variant in which it is planned.
 
     Args:
@@ -168,7 +168,7 @@ def plan_subject(
         **expected,
     }
     costed = tuple(_costed(_explained(subject, decision), spp) for decision in decisions)
-    return Plan((*costed, smoothing), settings, tolerance, about)
+    return EffectPlan((*costed, smoothing), settings, tolerance, about)
 
 
 def _noise_share(sampled: SampledSubject, tolerance: Tolerance, missing: float) -> float:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.effects import DISABLED, Overrides, Plan, replaced
+from simrig.core.effects import DISABLED, EffectPlan, Overrides, replaced
 from simrig.planning.change import Display
 from simrig.planning.integrators import UNLIMITED, path_integrator
 from simrig.planning.light_tracing import light_tracer
@@ -58,10 +58,10 @@ class Check:
 
 def verified_render(
     scene: Any,
-    plan: Plan,
+    plan: EffectPlan,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[rendering.RenderResult, Plan]:
+) -> tuple[rendering.RenderResult, EffectPlan]:
     """Render a scene by its plan, check the picture, and mend the plan where it is contradicted.
 
     Args:
@@ -92,7 +92,7 @@ def verified_render(
             plan = _with(subject, plan, switched)
 
 
-def _with(subject: SceneSubject, plan: Plan, effects: list[str]) -> Plan:
+def _with(subject: SceneSubject, plan: EffectPlan, effects: list[str]) -> EffectPlan:
     """Return the plan of a scene with effects forced on, at the same exposure."""
     left_out = [d.effect for d in plan.effects if not d.on and d.why == DISABLED]
     disable = tuple(name for name in left_out if name not in effects)
@@ -104,8 +104,8 @@ def _with(subject: SceneSubject, plan: Plan, effects: list[str]) -> Plan:
 
 
 def _reported(
-    plan: Plan, check: Check, contradicted: bool, switched: list[str], seconds: float
-) -> Plan:
+    plan: EffectPlan, check: Check, contradicted: bool, switched: list[str], seconds: float
+) -> EffectPlan:
     verification = {
         "checked": check.samples > 0,
         "differs_at_least": check.least,
@@ -126,7 +126,7 @@ def _reported(
 class Estimate:
     """Everything, at low resolution, beside a picture."""
 
-    def __init__(self, view: View, plan: Plan) -> None:
+    def __init__(self, view: View, plan: EffectPlan) -> None:
         """Take the view of a loaded scene and the plan by which it was rendered."""
         self.view = view
         self.plan = plan
@@ -211,7 +211,7 @@ class Estimate:
         return self.display.of_mean(least, halves.mean(axis=0)[lit])
 
 
-def _switched_on(plan: Plan, effect: str) -> Plan | None:
+def _switched_on(plan: EffectPlan, effect: str) -> EffectPlan | None:
     """Return a plan with one more effect, None where it is on already or there is none of it."""
     decision = next((d for d in plan.effects if d.effect == effect), None)
     if decision is None or decision.why == DISABLED:

@@ -20,6 +20,7 @@ import numpy as np
 
 from simrig.brdf.slices.layout import slice_thetas
 from simrig.core.errors import SimrigError
+from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.plans.slices import Slices, build_slices, pair_slices
 
 # thesis Table 5.1: (largest number of samples, polar angle step, azimuth step), in degrees
@@ -89,7 +90,10 @@ class SlicePlacement:
 
     @classmethod
     def from_degrees(
-        cls, theta_step_deg: float, azimuth_step_deg: float, theta_max_deg: float = 80.0
+        cls,
+        theta_step_deg: float,
+        azimuth_step_deg: float,
+        theta_max_deg: float = LARGEST_THETA_DEG,
     ) -> SlicePlacement:
         """Return the placement for steps given in degrees.
 
@@ -169,7 +173,7 @@ class SlicePlacement:
         return build_slices(self, slice_types)
 
 
-def optimal_placement(samples: int, theta_max_deg: float = 80.0) -> SlicePlacement:
+def optimal_placement(samples: int, theta_max_deg: float = LARGEST_THETA_DEG) -> SlicePlacement:
     """Return the placement that thesis Table 5.1 recommends for a wished number of samples.
 
     Args:

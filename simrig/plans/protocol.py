@@ -17,11 +17,11 @@ import numpy as np
 
 from simrig.core.errors import SimrigError
 from simrig.core.options import Option
+from simrig.directions.schemes import LARGEST_THETA_DEG
 
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
 
-LARGEST_THETA_DEG = 80.0  # that of the thesis; real arms do not reach much further
 THETA_MAX = Option(
     "theta_max_deg",
     float,

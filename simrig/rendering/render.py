@@ -15,7 +15,7 @@ import numpy as np
 
 from simrig.core import backend
 from simrig.core.cost import Cost
-from simrig.core.effects import Plan
+from simrig.core.effects import EffectPlan
 from simrig.core.errors import SimrigError
 from simrig.core.shown import Exhibit, Shown
 from simrig.files.images import to_srgb8
@@ -65,7 +65,7 @@ class RenderResult(Shown):
     integrator: str
     variant: str
     film: str = ""
-    plan: Plan | None = None
+    plan: EffectPlan | None = None
 
     @property
     def cost(self) -> Cost:

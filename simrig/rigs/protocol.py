@@ -13,8 +13,7 @@ import numpy as np
 import simrig
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost, stopwatch
-from simrig.core.effects import Overrides, Tolerance
-from simrig.core.effects import Plan as EffectPlan
+from simrig.core.effects import EffectPlan, Overrides, Tolerance
 from simrig.core.errors import SimrigError
 from simrig.core.gamut import KEEP
 from simrig.core.options import Option

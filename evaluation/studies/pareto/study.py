@@ -23,6 +23,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf
 from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError
+from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.pointwise import LOG_ERROR_FLOOR
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
@@ -32,7 +33,6 @@ from simrig.evaluation.studies.pareto.shown import plots, table
 from simrig.files.load import load_material
 from simrig.instruments.description import described
 from simrig.methods import METHODS, method
-from simrig.plans.protocol import LARGEST_THETA_DEG
 from simrig.rendering.render import timed
 from simrig.rigs.fingerprint import fingerprint
 from simrig.rigs.registry import find_description, rig_of

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 
 from simrig.brdf.checks import check_values
-from simrig.btf.stack import BtfStack, check_angles, checked_size
+from simrig.btf.stack import LARGEST_HALF, BtfStack, check_angles, checked_size
 from simrig.core.errors import SimrigError
 from simrig.files.hdf5 import (
     CONVENTIONS,
@@ -35,7 +35,6 @@ CONTENT = "btf"
 _CHUNK_PAIRS, _CHUNK_TEXELS = 8, 64  # 200 kB as float16
 # of float16: relative error of values from 2^-14 on, below which it is at most 2^-25 absolute
 HALF_ERROR = 2.0**-11
-LARGEST_HALF = 65504.0
 
 
 @dataclass(frozen=True, eq=False)

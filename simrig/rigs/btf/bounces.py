@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simrig.core.cost import stopwatch
-from simrig.core.effects import Bound, Decision, Overrides, Plan, Tolerance, decide
+from simrig.core.effects import Bound, Decision, EffectPlan, Overrides, Tolerance, decide
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.mesostructure.tile import Tile
@@ -76,7 +76,7 @@ def plan_bounces(
     resolution: tuple[int, int],
     spp: int,
     seed: int = 0,
-) -> Plan:
+) -> EffectPlan:
     """Decide how many orders a measurement simulates; ``settings["bounces"]`` says it.
 
     Each order up to ``MOST_BOUNCES`` is rendered for a few pairs at few texels. What lies beyond
@@ -111,7 +111,7 @@ def plan_bounces(
             )
     settings = {"bounces": bounces}
     about = {"planning_seconds": elapsed()}
-    return Plan(decisions, settings, tolerance, about)
+    return EffectPlan(decisions, settings, tolerance, about)
 
 
 def _probed(tile: Tile, angles: np.ndarray, samples: float, seed: int) -> BouncesSubject:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from simrig.core.cost import Cost, stopwatch
-from simrig.core.effects import Overrides, Tolerance
-from simrig.core.effects import Plan as EffectPlan
+from simrig.core.effects import EffectPlan, Overrides, Tolerance
 from simrig.core.errors import SimrigError
 from simrig.core.options import Option
 from simrig.files.checkpoint import kept_bytes

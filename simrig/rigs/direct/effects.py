@@ -16,7 +16,7 @@ import numpy as np
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
-from simrig.core.effects import Bound, Overrides, Plan, Tolerance, decide
+from simrig.core.effects import Bound, EffectPlan, Overrides, Tolerance, decide
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.instruments.instrument import Instrument
 from simrig.rigs.direct import recording
@@ -243,7 +243,7 @@ def plan_directions(
     angles: np.ndarray,
     overrides: Overrides | None = None,
     samples: int | None = None,
-) -> Plan:
+) -> EffectPlan:
     """Decide which effects a measurement at given directions simulates.
 
     Args:
@@ -267,4 +267,4 @@ def plan_directions(
         "nodes": _NODES,
         "seed": instrument.seed,
     }
-    return Plan(decisions, settings, tolerance, about={"planning_s": elapsed()})
+    return EffectPlan(decisions, settings, tolerance, about={"planning_s": elapsed()})
