@@ -161,8 +161,12 @@ def test_slice_types_decide_the_methods(slice_types: str, methods: list[str]) ->
     assert len({plan.label for plan in plans}) == len({plan.key for plan in plans}) == len(plans)
 
 
-def test_the_demo_compares_both_sets_of_slices() -> None:
-    assert demo_experiment().measurement.slice_types == "both"
+def test_the_demo_measures_by_the_automatic_plan_first_then_slices_and_a_grid() -> None:
+    plans = make_plans(demo_experiment().measurement, 80.0, np.radians(86.0))
+    assert [p.method for p in plans][:3] == ["auto", "slices", "regular-grid"]
+    assert plans[0].plan.theta_max == pytest.approx(np.radians(86.0))  # as far as there are data
+    nearer = replace(demo_experiment().measurement, theta_max_deg=70.0)
+    assert make_plans(nearer, 70.0)[0].plan.theta_max == pytest.approx(np.radians(70.0))
 
 
 def test_explicit_steps_are_used() -> None:

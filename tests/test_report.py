@@ -138,6 +138,30 @@ def test_the_report_of_one_set_of_slices_without_baseline_and_exact_errors(tmp_p
     assert "daptive slices" not in text
 
 
+def test_the_automatic_plan_comes_first_and_tells_what_it_saw(tmp_path: Path) -> None:
+    measurement = MeasurementSettings(samples=(300,), automatic=True)
+    quick = ComparisonSettings(exact=False, estimate_samples=2000, step_deg=20.0)
+    results = run_experiment(
+        replace(EXPERIMENT, measurement=measurement, comparison=quick), tmp_path
+    )
+    auto, slices, grid = results["reconstructions"]
+    assert [r["method"] for r in (auto, slices, grid)] == ["auto", "slices", "regular-grid"]
+    assert slices["found"] is None and auto["found"]["families"]
+    row = results["accuracy_versus_cost"][0]
+    reader = Reader((tmp_path / "report.html").read_text())
+    text = " ".join(reader.text.split())
+    headline = text[: text.index("The reference beside")]
+    first = f"{significant(row['delta_e'])} ΔE mean colour difference of the pictures, automatic"
+    assert first in headline and headline.index(first) < headline.index("adaptive slices, for")
+    section = text[text.index("What the automatic plan saw") : text.index("Where the slices")]
+    reasons = [auto["found"][key][1:] for key in ("why", "reciprocity")]
+    names = [quantity["name"] for quantity in auto["found"]["pilot"]]
+    assert all(part in section for part in [*reasons, *names])
+    assert f"{significant(auto['found']['predicted_delta_e'], 2)}" in section
+    assert reader.pictures_of("automatic plan, 300 samples") == 1
+    assert not re.search(r"\bNone\b|\bnan\b|\binf\b|Undefined", text)
+
+
 def test_the_report_shows_both_sets_of_slices_and_says_which_is_better(tmp_path: Path) -> None:
     measurement = MeasurementSettings(samples=(700,), slice_types="both")
     results = run_experiment(replace(EXPERIMENT, measurement=measurement), tmp_path)

@@ -59,6 +59,7 @@ class MeasurementSettings(Section):
             down to whole degrees, where it ends earlier.
         slice_types: ``"all"``, ``"axial-diagonal"``, or ``"both"`` for a measurement with each.
         k, p_1, p_2: parameters of thesis algorithm 5.1.
+        automatic: also measure by the automatic plan, with at most as many samples.
         baseline: also measure a regular grid with about as many samples, for comparison.
         rig: the name of a rig, or an instrument file (TOML).
         tolerance: chooses the effects of the rig that are simulated (``"dE=0.5"``); ``"none"`` is
@@ -75,6 +76,7 @@ class MeasurementSettings(Section):
     k: float = setting(number(0.0, 1.0), 0.9)
     p_1: int = setting(integer(0, 1000), 5)
     p_2: int = setting(integer(0, 1000), 5)
+    automatic: bool = setting(flag, False)
     baseline: bool = setting(flag, True)
     rig: str = setting(text, "gonioreflectometer")
     tolerance: str = setting(_tolerance, NO_EFFECTS)
@@ -322,7 +324,7 @@ def _given(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def demo_experiment(material: str | None = None) -> Experiment:
-    """Return the experiment of ``simrig demo``, which compares every method.
+    """Return the experiment of ``simrig demo``: automatic plan, the thesis's slices, regular grid.
 
     Args:
         material: name of a built-in material, or a file; by default one whose anisotropic
@@ -331,7 +333,7 @@ def demo_experiment(material: str | None = None) -> Experiment:
     Raises:
         SimrigError: neither a known material nor a file.
     """
-    measurement = MeasurementSettings(slice_types=BOTH_SLICE_TYPES)
+    measurement = MeasurementSettings(samples=DEMO_SAMPLES, automatic=True)
     experiment = Experiment(
         material=material or DEMO_MATERIAL,
         measurement=measurement,
@@ -341,4 +343,5 @@ def demo_experiment(material: str | None = None) -> Experiment:
 
 
 DEMO_MATERIAL = "fabric112"
+DEMO_SAMPLES = (1060, 3230, 8911)
 DEMO_TOLERANCE = "dE=1"  # a dozen pictures of each scene: a fourth of the samples of the default

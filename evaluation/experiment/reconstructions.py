@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost, stopwatch
 from simrig.core.effects import parse_tolerance
@@ -13,12 +15,15 @@ from simrig.evaluation.experiment.checkpoint import MEASURING, Parts, Steps
 from simrig.evaluation.experiment.config import BOTH_SLICE_TYPES, NO_EFFECTS, MeasurementSettings
 from simrig.files.hdf5 import write_brdf
 from simrig.methods import METHODS, Reconstructed
+from simrig.plans.auto.plan import AutomaticPlan
 from simrig.plans.protocol import Plan
 from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.protocol import Rig
 
+AUTOMATIC = "auto"
 # the methods of experiments, as people call them
 LABELS = {
+    AUTOMATIC: "automatic plan",
     "slices": "adaptive slices",
     "slices-axial-diagonal": "axial and diagonal slices",
     "regular-grid": "regular grid",
@@ -68,9 +73,17 @@ class Subject:
     measurement: Measurement
 
 
-def make_plans(settings: MeasurementSettings, theta_max_deg: float) -> list[Planned]:
-    """Return all measurements of an experiment: for each number of samples the adaptive ones, then
-    their baseline.
+def make_plans(
+    settings: MeasurementSettings, theta_max_deg: float, data_end: float = float(np.pi / 2.0)
+) -> list[Planned]:
+    """Return all measurements of an experiment: for each number of samples the automatic one, the
+    slices, then their baseline.
+
+    Args:
+        settings: how the material is measured.
+        theta_max_deg: largest polar angle of slices and grids, degrees.
+        data_end: largest polar angle with data, radians; the automatic plan looks to there unless
+            the settings say less.
 
     Raises:
         SimrigError: too few samples for their placement.
@@ -82,7 +95,11 @@ def make_plans(settings: MeasurementSettings, theta_max_deg: float) -> list[Plan
         for name in ("theta_step_deg", "azimuth_step_deg", "k", "p_1", "p_2")
     }
     found = []
+    reach = data_end if settings.theta_max_deg is None else np.radians(theta_max_deg)
     for count in settings.samples:
+        if settings.automatic:
+            automatic = AutomaticPlan(count).within(float(reach))
+            found.append(Planned(f"{AUTOMATIC}-{count}", AUTOMATIC, automatic))
         for name in (*methods, *(["regular-grid"] if settings.baseline else [])):
             own = placed if name in SLICE_METHODS else {}
             plan = METHODS[name].plan(None, count, theta_max_deg=theta_max_deg, **own)

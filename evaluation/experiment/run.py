@@ -68,7 +68,7 @@ def run_experiment(
     truth = load_material(experiment.material)
     theta_max_deg = largest_theta_deg(truth, experiment.measurement.theta_max_deg)
     rig = make_rig(experiment.measurement.rig)
-    plans = make_plans(experiment.measurement, theta_max_deg)
+    plans = make_plans(experiment.measurement, theta_max_deg, truth.theta_max)
     for plan in plans:
         rig.check(truth, plan.plan)
     grid = comparison_grid(experiment.comparison, theta_max_deg)
@@ -159,6 +159,7 @@ def _reconstruction(
         "label": plan.label,
         "samples": plan.samples,
         "plan": plan.plan.describe(),
+        "found": subject.measurement.provenance.get("found"),
         **subject.record,
         "brdf": errors["brdf"],
         "scenes": {

@@ -12,10 +12,27 @@ import jinja2
 import markupsafe
 
 from simrig.brdf.protocol import Brdf
-from simrig.evaluation.experiment.reconstructions import LABELS, SLICE_METHODS, Subject
-from simrig.evaluation.report.pictures import brdf_pictures, cost_plots, data_uri, slices_picture
+from simrig.evaluation.experiment.reconstructions import (
+    AUTOMATIC,
+    LABELS,
+    SLICE_METHODS,
+    Subject,
+)
+from simrig.evaluation.report.pictures import (
+    brdf_pictures,
+    cost_plots,
+    data_uri,
+    directions_picture,
+    slices_picture,
+)
 from simrig.rendering.environment import BUILTIN
 
+_LEGENDS = {  # of rows of pictures
+    AUTOMATIC: "it looks first, then measures where errors would show",
+    "slices": "the thesis's adaptive sampling along slices of all kinds",
+    "slices-axial-diagonal": "as adaptive slices, without the horizontal and vertical ones",
+    "regular-grid": "equal steps in all angles, multilinear interpolation, for comparison",
+}
 _TEMPLATES = Path(__file__).with_name("templates")
 
 
@@ -43,12 +60,17 @@ def render(
     ranking = slice_ranking(rows)
     drawn = by_method[ranking[0]["method"]]
     measured = [s.measurement for s in drawn]
+    automatic = [s.measurement for s in by_method.get(AUTOMATIC, [])]
+    lead = [row for row in rows if row["method"] == AUTOMATIC][-1:] or [ranking[0]]
     scale = results["experiment"]["rendering"]["difference_scale"]
     context = {
         "r": results,
         "methods": {m: [records[s.plan.key] for s in own] for m, own in by_method.items()},
         "names": LABELS,
+        "legends": _LEGENDS,
+        "lead": lead[0],
         "ranking": ranking,
+        "directions": [directions_picture(m) for m in automatic],
         "titles": {key: scene_title(scene) for key, scene in results["scenes"].items()},
         "picture": lambda file: data_uri((folder / file).read_bytes()),
         # the middle one: enough samples to see a pattern, few enough to see dots
@@ -93,7 +115,7 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters.update(sig=significant, size=size, metric=metric, count=count, plain=plain)
-    environment.filters.update(lines=lines)
+    environment.filters.update(lines=lines, capitalize_first=capitalize_first)
     return environment
 
 
@@ -131,6 +153,11 @@ def metric(value: float | None, digits: int = 3) -> str:
 def lines(text: str) -> markupsafe.Markup:
     """Return text whose lines stay apart on the page."""
     return markupsafe.Markup("<br>").join(text.split("\n"))
+
+
+def capitalize_first(text: str) -> str:
+    """Return a sentence with a large first letter, its other letters as they are."""
+    return text[:1].upper() + text[1:]
 
 
 def plain(value: float) -> str:

@@ -50,6 +50,13 @@ def slices_picture(truth: Brdf, measurement: Measurement) -> dict[str, Any]:
     }
 
 
+def directions_picture(measurement: Measurement) -> dict[str, Any]:
+    """Return where light and view stood, from above, with the colours seen there."""
+    picture = measurement.exhibit().picture
+    assert picture is not None
+    return {"picture": _encoded(picture), "samples": len(measurement.values)}
+
+
 def brdf_pictures(
     truth: Brdf,
     others: Mapping[str, Brdf],

@@ -80,7 +80,7 @@ def _experiment(
     written = output / "report.html"
     return frame.Report(
         data={"output": output, "report": written, "results": results},
-        shown=[_summary(results), f"{output}: open {written}"],
+        shown=[_summary(results), *_families(results), f"{output}: open {written}"],
     )
 
 
@@ -101,3 +101,12 @@ def _summary(results: dict[str, Any]) -> Any:
         for record in results["reconstructions"]
     ]
     return frame.table(columns, rows, results["title"])
+
+
+def _families(results: dict[str, Any]) -> list[str]:
+    """Return which family each automatic measurement took and why, one line each."""
+    return [
+        f"{record['label']}: {record['found']['why']}"
+        for record in results["reconstructions"]
+        if record["found"]
+    ]

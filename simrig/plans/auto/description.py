@@ -15,6 +15,7 @@ from simrig.plans.auto.quantities import Quantity, numbers, uncertainties
 _SAME = 3e-4  # relative difference that counts as none
 _HANDED = 0.03  # relative difference of mirror images of an isotropic material that counts
 _KEPT, _NO_NOISE = 0.75, 1e-4  # of the groups, those that differ least; where there is noise
+_DIGITS = 9  # of a per cent; what differs by less differs by rounding
 _OF_MEDIAN = 1.17  # standard error of a median deviation, over deviation and root of the count
 _DEVIATIONS = 3.0  # standard errors by which a difference must exceed that of noise
 
@@ -34,7 +35,7 @@ class Test:
     holds: bool
 
     def __str__(self) -> str:
-        return f"{100 * self.difference:.2g} ± {100 * self.uncertainty:.1g} %"
+        return f"{round(100 * self.difference, _DIGITS):.2g} ± {100 * self.uncertainty:.1g} %"
 
 
 @dataclass(frozen=True)
@@ -96,13 +97,13 @@ class Description:
         found = [
             Quantity(
                 f"{_SAID[name]} ({'yes' if test.holds else 'no'}), values differ by",
-                100.0 * test.difference,
+                round(100.0 * test.difference, _DIGITS),
                 known(100.0 * test.uncertainty),
                 "%",
             )
             for name, test in self.tests.items()
         ]
-        noise, error = 100.0 * self.noise, 100.0 * self.noise_uncertainty
+        noise, error = round(100.0 * self.noise, _DIGITS), 100.0 * self.noise_uncertainty
         found.append(Quantity("noise of the rig", noise, known(error), "%"))
         for name, label, unit, factor in _NUMBERS:
             value, spread = (known(factor * of[name]) for of in (self.seen, self.errors))

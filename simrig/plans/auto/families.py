@@ -132,7 +132,7 @@ def _anisotropic(found: Symmetry) -> Symmetry:
 
 
 def _differs(seen: Description, name: str) -> str:
-    return f"values differ by {100.0 * seen.tests[name].difference:.2g} %"
+    return f"values differ by {seen.tests[name]}"
 
 
 def _why_isotropic(seen: Description) -> str:
