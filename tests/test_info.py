@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+import simrig as sr
 from command_line import done, refusal, simrig
 from simrig.brdf import Lambert
 from simrig.btf.stack import BtfStack
@@ -147,3 +148,16 @@ def test_utia_options_at_the_command_line(tmp_path) -> None:
     with h5py.File(tmp_path / "x.h5") as file:
         assert "plausibility" in file.attrs["provenance"]
     assert "360x" not in refusal("materials", named, "--layout", "3by12")
+
+
+def test_pictures_are_compared_at_the_exposure_of_the_reference(tmp_path) -> None:
+    """That of its plan, which its file states; the one that is given replaces it."""
+    first, second = (np.full((4, 4, 3), level, dtype=np.float32) for level in (0.01, 0.02))
+    for name, image in (("planned", first), ("other", second)):
+        write_exr(tmp_path / f"{name}.exr", image, {"exposure": 25.0} if name == "planned" else {})
+    planned, other = tmp_path / "planned.exr", tmp_path / "other.exr"
+    found = sr.compare(planned, other)
+    assert found.exposure == 25.0 and "exposure 25 of its plan" in str(found.made)
+    assert found.delta_e == pytest.approx(sr.compare(first, second, exposure=25.0).delta_e)
+    assert sr.compare(planned, other, exposure=2.0).exposure == 2.0
+    assert sr.compare(other, planned).exposure == 1.0

@@ -8,6 +8,7 @@ from simrig.evaluation.studies import (
     isotropic_measured,
     plan_validation,
     table_5_3,
+    traps,
 )
 from simrig.evaluation.studies.btf_against_structure import study as btf_against_structure
 from simrig.evaluation.studies.btf_slices import study as btf_slices
@@ -33,6 +34,7 @@ STUDIES: dict[str, Study] = {
         critical_distance.STUDY,
         isotropic_measured.STUDY,
         plan_validation.STUDY,
+        traps.STUDY,
         room_switch.STUDY,
         pareto.STUDY,
         btf_against_structure.STUDY,

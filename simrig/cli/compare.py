@@ -26,7 +26,10 @@ def compare(
         float | None, typer.Option(help="s of the difference image (10).")
     ] = None,
     exposure: Annotated[
-        float | None, typer.Option(help="Factor before pictures are shown (1).")
+        float | None,
+        typer.Option(
+            help="Factor before pictures are shown; that of the reference's plan, or 1, else."
+        ),
     ] = None,
     foreground: Annotated[
         bool, typer.Option(help="Only pixels that are not black in both pictures.")

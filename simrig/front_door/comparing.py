@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _PICTURE, _MATERIAL = "picture", "material"
 _OF_MATERIALS = {"step_deg": 2.0, "theta_max_deg": None}
-_OF_PICTURES = {"exposure": 1.0, "foreground": False, "difference_scale": 10.0}
+_OF_PICTURES = {"exposure": None, "foreground": False, "difference_scale": 10.0}
 
 
 @overload
@@ -82,7 +82,8 @@ def compare(
         step_deg: of materials: degrees between directions of the grid (2).
         theta_max_deg: of materials: the largest polar angle of the grid, in degrees; the last
             step up to 80 unless given.
-        exposure: of pictures: factor to the linear values before they are shown (1).
+        exposure: of pictures: factor to the linear values before they are shown; unless given,
+            the one that the reference's plan was made for where its OpenEXR file says so, else 1.
         foreground: of pictures: count only pixels that are not black in both (false).
         difference_scale: of pictures: s of the difference image 255 − s·|I1 − I2| (10).
 
@@ -173,7 +174,7 @@ def _named(item: Any, otherwise: str) -> tuple[str, Picture]:
 def _pictures(
     reference: tuple[str, Picture],
     other: tuple[str, Picture],
-    exposure: float,
+    exposure: float | None,
     foreground: bool,
     difference_scale: float,
 ) -> Comparison:
@@ -183,6 +184,12 @@ def _pictures(
         sizes = " and ".join(f"'{name}' has {picture.size}" for name, picture in named)
         raise SimrigError(f"the pictures differ in size: {sizes}")
     notes = {name: list(picture.made) for name, picture in named}
+    if exposure is None:
+        exposure = _planned_exposure(reference[1])
+        if exposure is not None:
+            notes[reference[0]].append(f"shown at the exposure {exposure:.4g} of its plan")
+        else:
+            exposure = 1.0
     first, second = (picture.pixels for _, picture in named)
     shown_at = [picture.shown_exposure or 1.0 for _, picture in named]
     if shown_at[0] != shown_at[1]:
@@ -193,3 +200,12 @@ def _pictures(
     mask = foreground_mask(first, second) if foreground else None
     made = {name: tuple(lines) for name, lines in notes.items() if lines}
     return replace(compare_images(first, second, mask, exposure, difference_scale), made=made)
+
+
+def _planned_exposure(picture: Picture) -> float | None:
+    """Return the exposure for which a picture of simrig was planned, None where it says none."""
+    try:
+        value = float(picture.says.get("exposure", "")) if picture.format == "OpenEXR" else math.nan
+    except ValueError:
+        return None
+    return value if 0.0 < value < math.inf else None

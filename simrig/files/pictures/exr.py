@@ -306,6 +306,8 @@ def _says(header: dict[str, Any], layer: _Layer, headers: list[dict[str, Any]]) 
     ):
         if key in header and not (key == "pixelAspectRatio" and header[key] == 1.0):
             says[key] = _text(header[key])
+    if header.get("software") == "simrig" and "exposure" in header:
+        says["exposure"] = _text(header["exposure"])
     return says
 
 
