@@ -183,7 +183,7 @@ def _verdict(kept: bool | None, measured: float | None, error: float | None, all
 
 def _reference(scene: SceneFile, plan: Any, seconds: float) -> Replicates:
     loaded = scene_source_in(scene, plan.settings["variant"]).build()
-    paths = path_integrator(loaded, UNLIMITED, Survey(loaded).has_media)
+    paths = path_integrator(loaded, UNLIMITED, Survey(loaded).needs_volpath)
     sensor = plan.settings.get("sensor", 0)
     return converged(
         lambda spp, seed: rendering.render(

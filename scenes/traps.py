@@ -3,7 +3,8 @@
 A look at a scene may miss what is rare, small, hidden, far out of proportion or unlike what it
 expects. Every trap is a Mitsuba dictionary of a few shapes above a matte floor, z up, in scene
 units, with a picture of ``WIDTH`` × ``WIDTH`` pixels. ``TRAPS`` names with each the integrator
-whose picture of it converges: paths, or particles where paths hardly ever meet the light.
+whose picture of it converges: paths, particles where paths hardly ever meet the light, or paths
+that look through what lets light pass.
 """
 
 from __future__ import annotations
@@ -335,8 +336,8 @@ TRAPS: dict[str, Trap] = {
     "bumps": Trap(bumps, "normals that are not the shape's"),
     "instances": Trap(instances, "shapes that points cannot be drawn on"),
     "fog": Trap(fog, "light scattered between surfaces", MEDIA),
-    "leaves": Trap(leaves, "shadows with holes"),
-    "window": Trap(window, "a pane between the lamp and what it lights"),
+    "leaves": Trap(leaves, "shadows with holes", MEDIA),
+    "window": Trap(window, "a pane between the lamp and what it lights", MEDIA),
     "lines": Trap(lines, "a spectrum of two lines", spectral=True),
     "turned_away": Trap(turned_away, "nothing that is seen is lit directly"),
     "huge": Trap(huge, "lengths of 10^5"),

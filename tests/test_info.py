@@ -152,7 +152,7 @@ def test_utia_options_at_the_command_line(tmp_path) -> None:
 
 def test_pictures_are_compared_at_the_exposure_of_the_reference(tmp_path) -> None:
     """That of its plan, which its file states; the one that is given replaces it."""
-    first, second = (np.full((4, 4, 3), level, dtype=np.float32) for level in (0.01, 0.02))
+    first, second = (np.full((16, 16, 3), level, dtype=np.float32) for level in (0.01, 0.02))
     for name, image in (("planned", first), ("other", second)):
         write_exr(tmp_path / f"{name}.exr", image, {"exposure": 25.0} if name == "planned" else {})
     planned, other = tmp_path / "planned.exr", tmp_path / "other.exr"

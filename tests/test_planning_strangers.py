@@ -23,8 +23,10 @@ from simrig.planning.shape_form import box_of, form_of, turns_normals
 from simrig.planning.source import scene_source
 from simrig.planning.survey import Survey
 from simrig.planning.tail import tail_of
+from simrig.planning.verification import Estimate
 from simrig.planning.view import View
 from simrig.rendering.scene_file import SceneFile
+from simrig.scenes.traps import TRAPS
 
 
 def T() -> Any:
@@ -292,6 +294,46 @@ def test_stratified_groups_tell_their_gain() -> None:
     measured = np.abs(values.reshape(512, 4, 16, 3).mean(axis=2) - 0.37).mean() / 0.37
     assert stratified.change(16) < 0.6 * independent.change(16)
     assert stratified.change(16) > 0.8 * measured, "edges along strata are not trusted too far"
+
+
+def test_what_few_pixels_have_met_counts_for_those_around_them() -> None:
+    """A firefly in one sample of 300, of which a look of 64 finds some: against a brute force."""
+    rng = np.random.default_rng(3)
+    display = Display(parse_tolerance("dE=1"), 1.0)
+
+    def drawn(pixels: int, samples: int) -> np.ndarray:
+        met = rng.random((pixels, samples, 1)) < 1.0 / 300.0
+        return np.broadcast_to(0.1 + 4.0 * met, (pixels, samples, 3))
+
+    looked = SamplingNoise(drawn(1024, 64), display, parts=np.repeat(np.arange(64), 16))
+    mean = np.full((256, 3), 0.1 + 4.0 / 300.0)
+    for spp in (256, 1024):
+        true = display.per_pixel(mean, drawn(256, spp).mean(axis=1)).mean()
+        assert 0.75 < looked.change(spp) / true < 1.5
+
+
+def test_bright_samples_of_the_estimate_raise_no_alarm() -> None:
+    scene, _ = shadowless()
+    plan = plan_scene(scene, "dE=1", exposure=1.0)
+    estimate = Estimate(View(mi.load_dict(scene)), plan)
+    rng = np.random.default_rng(4)
+    true = np.full((len(estimate._blocks), 3), 0.05)
+    rare = [rng.random((len(true), 1)) < 0.05 for _ in range(2)]
+    fireflies = np.stack([0.03 + 0.4 * met + np.zeros(3) for met in rare])
+    assert estimate._least(true, fireflies) < 0.2
+    sure = np.stack([1.5 * true + 0.001 * rng.normal(size=true.shape) for _ in range(2)])
+    assert estimate._least(true, sure) > 3.0
+
+
+def test_masks_let_light_through() -> None:
+    """Mitsuba's ``path`` takes them for opaque when it looks for lamps; light does not."""
+    plan = plan_scene(TRAPS["leaves"].build(), "dE=4")
+    assert plan.settings["integrator"] == "volpath" and plan.about["kept"]
+    picture = planned_render(TRAPS["leaves"].build(), plan).image
+    loaded = mi.load_dict(TRAPS["leaves"].build())
+    paths = np.array(mi.render(loaded, integrator=mi.load_dict({"type": "path"}), spp=16))
+    shadow = np.s_[20:30, 14:34]
+    assert picture[shadow].mean() > 2.0 * paths[shadow].mean()
 
 
 def shadowless() -> tuple[dict, Any]:

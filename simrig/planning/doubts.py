@@ -63,7 +63,7 @@ def doubts_about(subject: SceneSubject, tolerance: Tolerance) -> tuple[Doubt, ..
                 "render with --integrator and many samples",
             )
         )
-    elif (caustics := possible_caustics(subject)) and not survey.has_media:
+    elif caustics := possible_caustics(subject):
         verdict = subject.second_opinion(tolerance)
         if verdict is None or verdict.most > _AGREES * tolerance.amount:
             found.append(_judged(caustics, verdict))
@@ -81,20 +81,25 @@ def _judged(doubt: Doubt, verdict: Verdict | None) -> Doubt:
 
 
 def light_tracing_sees_all(subject: SceneSubject, tolerance: Tolerance) -> bool:
-    """Return whether particles find what paths miss, and miss nothing themselves.
-
-    They miss what the camera looks at through, or by way of, something specular.
-    """
-    if subject.survey.has_media or not possible_caustics(subject):
+    """Return whether particles find what paths miss, and miss nothing themselves."""
+    if not possible_caustics(subject) or not light_tracing_may_see(subject):
         return False
     verdict = subject.second_opinion(tolerance)
     if verdict is None or verdict.paths_see_more or verdict.share <= 0.0:
         return False
-    if verdict.least <= _AGREES * tolerance.amount:
-        return False
-    specular = {id(body) for body in specular_bodies(subject)}
-    seen = np.unique(subject.probe.body)
-    return not any(id(subject.survey.bodies[index]) in specular for index in seen if index >= 0)
+    return verdict.least > _AGREES * tolerance.amount
+
+
+def light_tracing_may_see(subject: SceneSubject) -> bool:
+    """Return whether something is specular, and the camera sees nothing of it.
+
+    Particles miss what it looks at through, or by way of, something specular.
+    """
+    specular = [] if subject.survey.needs_volpath else specular_bodies(subject)
+    seen = {
+        id(subject.survey.bodies[index]) for index in np.unique(subject.probe.body) if index >= 0
+    }
+    return bool(specular) and not any(id(body) in seen for body in specular)
 
 
 def possible_caustics(subject: SceneSubject) -> Doubt | None:

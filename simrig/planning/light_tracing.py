@@ -19,7 +19,6 @@ from simrig.planning.view import View
 from simrig.rendering.render import timed
 
 FEWEST, PARTICLES = 1 << 16, 1 << 19
-_BLOCKS = 8  # along either side of the picture
 _CERTAIN = 3.0  # standard errors
 _CLEAR, _NEGLIGIBLE = 5.0, 0.02  # standard errors, and the part of the mean, of one block
 _PARTS = 8
@@ -113,7 +112,8 @@ def compare(view: View, traced: LightTraced, samples: np.ndarray, display: Displ
         samples: (n, m, 3) means of groups of paths in the looked-at pixels.
         display: measures changes.
     """
-    block, count = _blocks(view)
+    block = view.parts
+    count = int(block.max()) + 1
     pixels = view.chosen[:, 1] * view.size[0] + view.chosen[:, 0]
     here = traced.parts.reshape(len(traced.parts), -1, 3)[:, pixels]
     paths, particles = (_means(x, block, count) for x in (samples.swapaxes(0, 1), here))
@@ -130,13 +130,6 @@ def compare(view: View, traced: LightTraced, samples: np.ndarray, display: Displ
     lack = grey[0].mean(axis=0) - grey[1].mean(axis=0)
     more = bool((lack > _CLEAR * sigma + _NEGLIGIBLE * level[0]).any())
     return Verdict(least, most, 1.0 - level[0] / level[1], more)
-
-
-def _blocks(view: View) -> tuple[np.ndarray, int]:
-    """Return the block of each looked-at pixel, and how many blocks have one."""
-    column, row = (view.chosen * _BLOCKS // np.array(view.size)).T
-    found, block = np.unique(row * _BLOCKS + column, return_inverse=True)
-    return block.ravel(), len(found)
 
 
 def _means(pictures: np.ndarray, block: np.ndarray, count: int) -> np.ndarray:

@@ -8,7 +8,8 @@ a picture:
 - stratified samples leave less to chance than independent ones. By how much is measured: the
   samples of a pixel fall into groups, each stratified as a picture of as many samples is, and the
   groups differ by less than groups of the same samples picked at random do;
-- few samples do not meet what is rare. The largest deviations follow a power law (Hill's estimate
+- few samples do not meet what is rare. What one sample of a pixel shows, every pixel around it will
+  meet as often (``planning.rare``). The largest deviations follow a power law (Hill's estimate
   of its exponent), and what it says lies beyond the largest that was found counts as well.
 """
 
@@ -21,6 +22,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from simrig.planning.change import Display
+from simrig.planning.rare import RareEvents
 from simrig.planning.tail import NO_TAIL, Tail, tail_of
 
 # Pictures are rendered in passes, so memory sets no limit. A plan that asks for more says instead
@@ -45,6 +47,7 @@ class SamplingNoise:
         per_pass: int = MOST_SAMPLES,
         pixels: int = 0,
         exact: bool = False,
+        parts: np.ndarray | None = None,
     ) -> None:
         """Take (n, k, 3) samples of n pixels, and what measures changes.
 
@@ -56,6 +59,8 @@ class SamplingNoise:
             per_pass: samples per pixel at most that are stratified together.
             pixels: of the whole picture; as many as are looked at by default.
             exact: each sample is all of the light of its place: nothing is rare.
+            parts: (n,) number of the part of the picture that each pixel lies in; one for all of
+                them by default.
         """
         self.radiance = radiance
         self.display = display
@@ -64,12 +69,17 @@ class SamplingNoise:
         self.per_pass = per_pass
         self.pixels = pixels or len(radiance)
         self.exact = exact
-        self._sum = radiance.sum(axis=1)
+        inside = np.zeros(len(radiance), dtype=np.int64) if parts is None else parts
+        self._rare = None if exact else RareEvents(radiance, inside)
+        self._base = radiance if self._rare is None else self._rare.others
+        self._sum = self._base.sum(axis=1)
+        self._mean = self._sum / self._count if self._rare is None else self._rare.mean
 
     def change(self, spp: int) -> float:
         """Return the expected change of a picture of ``spp`` samples against the converged one."""
-        seen = self._independent(max(round(spp * self.averaging), 1)) * self._gain_of(spp)
-        rare = self.tail.change(spp, self.pixels, self.display, self._sum / self._count)
+        together = max(round(spp * self.averaging), 1)
+        seen = self._seen(together, self._gain_of(spp))
+        rare = self.tail.change(spp, self.pixels, self.display, self._mean)
         return math.hypot(_SAFETY * seen, rare)
 
     @property
@@ -81,23 +91,29 @@ class SamplingNoise:
         """What is rarer than the samples can show."""
         return NO_TAIL if self.exact else tail_of(self.radiance)
 
-    def _independent(self, spp: int) -> float:
-        """Return the mean change of a picture of independent samples, without what is rare."""
-        mean = self._sum / self._count
+    def _seen(self, spp: int, gain: float) -> float:
+        """Return the mean change of a picture, without what is rarer than was seen.
+
+        Args:
+            spp: samples that a pixel averages.
+            gain: what stratification leaves of their noise.
+        """
         draw = self._split if 2 * spp <= self._count else self._shaken
-        return float(
-            np.mean(
-                [
-                    self.display.total(self.display.per_pixel(*pair), mean)
-                    for pair in (draw(spp, trial) for trial in range(_TRIALS))
-                ]
-            )
-        )
+        changes = []
+        for trial in range(_TRIALS):
+            mean, error = draw(spp, trial)
+            error = gain * error
+            if self._rare is not None and self._rare.any:
+                mean = self._mean
+                error = error + self._rare.errors(spp, np.random.default_rng((_SEED, trial)))
+            noisy = np.maximum(mean + error, 0.0)
+            changes.append(self.display.total(self.display.per_pixel(mean, noisy), self._mean))
+        return float(np.mean(changes))
 
     @cached_property
     def _mixed(self) -> np.ndarray:
         """The samples of each pixel in a random order, so that none of their runs is stratified."""
-        return self.radiance[:, np.random.default_rng(_SEED).permutation(self._count)]
+        return self._base[:, np.random.default_rng(_SEED).permutation(self._count)]
 
     @cached_property
     def _gain(self) -> float:
@@ -105,7 +121,7 @@ class SamplingNoise:
         group = self._count // max(self.groups, 1)
         if self.groups < 2 or group < 2:
             return 1.0
-        apart, at_random = (self._between_groups(x) for x in (self.radiance, self._mixed))
+        apart, at_random = (self._between_groups(x) for x in (self._base, self._mixed))
         least = 1.0 / math.sqrt(group)  # edges along the strata look better than they will be
         return min(max(apart / at_random, least), 1.0) if at_random > 0.0 else 1.0
 
@@ -133,15 +149,15 @@ class SamplingNoise:
         return float(self._gain**power)
 
     def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the means of ``spp`` samples of each pixel and of all its others."""
+        """Return the means of all samples of each pixel but ``spp``, and how far those are off."""
         first = trial * spp % (self._count - spp + 1)
         few = self._mixed[:, first : first + spp].sum(axis=1)
-        return np.maximum(self._sum - few, 0.0) / (self._count - spp), few / spp
+        others = np.maximum(self._sum - few, 0.0) / (self._count - spp)
+        return others, few / spp - others
 
     def _shaken(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the means and the same with the error that ``spp`` samples would have."""
-        mean = self._sum / self._count
-        return mean, np.maximum(mean + self._errors[trial] / math.sqrt(spp), 0.0)
+        """Return the means and the error that ``spp`` samples would have."""
+        return self._sum / self._count, self._errors[trial] / math.sqrt(spp)
 
     @cached_property
     def _errors(self) -> list[np.ndarray]:
@@ -149,12 +165,12 @@ class SamplingNoise:
 
         Residuals with random signs have the covariance of the samples, colours included.
         """
-        pixels, count = self.radiance.shape[:2]
+        pixels, count = self._base.shape[:2]
         rng = np.random.default_rng(_SEED)
         errors = []
         for _ in range(_TRIALS):
             signs = 2.0 * rng.integers(2, size=(pixels, 1, count), dtype=np.int8) - 1.0
-            shaken = (signs @ self.radiance)[:, 0] - signs.sum(axis=2) * self._sum / count
+            shaken = (signs @ self._base)[:, 0] - signs.sum(axis=2) * self._sum / count
             errors.append(shaken / math.sqrt(max(count - 1, 1)))
         return errors
 

@@ -28,12 +28,12 @@ from simrig.core.effects import (
     replaced,
 )
 from simrig.planning.costs import USUAL_SPP, shadow_seconds
-from simrig.planning.doubts import Doubt, light_tracing_sees_all
+from simrig.planning.doubts import Doubt, light_tracing_may_see, light_tracing_sees_all
 from simrig.planning.effects import ANTI_ALIASING, SCENE_EFFECTS, SPECTRAL
 from simrig.planning.environment import ENVIRONMENT, decide_environment, without_map
 from simrig.planning.expectation import expectation
 from simrig.planning.integrators import DIRECT_DEPTH, UNLIMITED, path_integrator
-from simrig.planning.light_tracing import light_tracer
+from simrig.planning.light_tracing import PARTICLES, light_tracer
 from simrig.planning.loading import planned_subject, planning_times
 from simrig.planning.looks import MOST_SECONDS, size_looks
 from simrig.planning.mesostructure import MESOSTRUCTURE, decide_mesostructure, structure_within
@@ -53,6 +53,7 @@ from simrig.planning.view import SAMPLER
 from simrig.rendering import render as rendering
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
+_WORTH_PARTICLES = 16  # samples of a picture by paths for each particle that is followed first
 _NOISE_SHARE = 0.7  # of what is left of a tolerance, see ``_noise_share``
 OVER_TIME = (0.25, 1.0, 4.0)  # of the samples, for the table of error over seconds
 _RARE = Doubt(
@@ -130,13 +131,14 @@ def plan_subject(
         subject, decisions, integrator, allowed, max(allowed.amount - used, 0.0), overrides
     )
     doubts = _standing_doubts(subject, decisions, allowed, overrides)
-    if integrator["type"] == "path" and light_tracing_sees_all(subject, allowed):
+    with structure_within(subject.scene, within):
+        sampled = _sampled(subject, integrator, bool(within))
+    if integrator["type"] == "path" and (
+        light_tracing_sees_all(subject, allowed) or _cheaper_by_particles(sampled, noise)
+    ):
         integrator, doubts = light_tracer(), ()
         subject.show_particles()
         sampled = _particles(subject)
-    else:
-        with structure_within(subject.scene, within):
-            sampled = _sampled(subject, integrator, bool(within))
     missing = deeper + averaged
     noise = tolerance.times(_noise_share(sampled, tolerance, left_out(decisions) + missing))
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
@@ -193,6 +195,24 @@ def _standing_doubts(
     lit = bool((subject.picture > 0.0).any())
     certain = sure and subject.survey.one_convex_body and lit
     return () if certain else subject.doubts(allowed)
+
+
+def _cheaper_by_particles(by_paths: SampledSubject, noise: Tolerance) -> bool:
+    """Return whether particles from the lamps draw a picture in half of the time of paths.
+
+    It is asked of pictures that take long, beside something specular which the camera does not see.
+    """
+    subject = by_paths.subject
+    spp, _ = by_paths.needed(noise, noise.amount)
+    if spp * subject.pixels < _WORTH_PARTICLES * PARTICLES or not light_tracing_may_see(subject):
+        return False
+    verdict = subject.second_opinion(noise)
+    if verdict is None or verdict.paths_see_more:
+        return False
+    by_particles = _particles(subject)
+    count, reached = by_particles.needed(noise, noise.amount)
+    seconds = by_particles.render_seconds(count)
+    return reached <= noise.amount and seconds < 0.5 * by_paths.render_seconds(spp)
 
 
 def _particles(subject: SceneSubject) -> SampledSubject:
@@ -279,7 +299,7 @@ def _integrator(
 ) -> dict[str, Any]:
     on = {decision.effect: decision.on for decision in decisions}
     if on["inter-reflection"]:
-        return path_integrator(subject.scene, depth, subject.survey.has_media)
+        return path_integrator(subject.scene, depth, subject.survey.needs_volpath)
     return direct_light(subject.scene, on["shadowing"], on["bsdf-sampling"], lights)
 
 

@@ -78,8 +78,17 @@ class SampledSubject:
         display = self.subject.display(tolerance)
         if self.together > 1:
             share = 1.0 / self.together
-            return SamplingNoise(self.radiance, display, 1, share, pixels=view.pixels)
+            return SamplingNoise(
+                self.radiance, display, 1, share, pixels=view.pixels, parts=view.parts
+            )
         groups = GROUPS if view.stratified else 1
         return SamplingNoise(
-            self.radiance, display, groups, view.averaging, per_pass, view.pixels, self.exact
+            self.radiance,
+            display,
+            groups,
+            view.averaging,
+            per_pass,
+            view.pixels,
+            self.exact,
+            view.parts,
         )

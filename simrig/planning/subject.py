@@ -92,7 +92,7 @@ class SceneSubject:
         Raises:
             SimrigError, RuntimeError: it cannot.
         """
-        _ = self.all_orders if self.survey.has_media else self.probe
+        _ = self.all_orders if self.survey.needs_volpath else self.probe
 
     @property
     def pixels(self) -> int:
@@ -127,12 +127,12 @@ class SceneSubject:
     @cached_property
     def everything(self) -> dict[str, Any]:
         """The integrator of light of all orders."""
-        return path_integrator(self.scene, UNLIMITED, self.survey.has_media)
+        return path_integrator(self.scene, UNLIMITED, self.survey.needs_volpath)
 
     @cached_property
     def picture(self) -> np.ndarray:
         """The pixels with light of all orders, (n, 3)."""
-        if self.survey.has_media:
+        if self.survey.needs_volpath:
             return self.all_orders.picture
         if not self.tells_orders:
             return self.probe.picture
@@ -182,7 +182,7 @@ class SceneSubject:
     def tells_orders(self) -> bool:
         """Whether there may be light that was reflected more than once, told apart by orders."""
         survey = self.survey
-        return bool(survey.bodies) and not (survey.has_media or survey.one_convex_body)
+        return bool(survey.bodies) and not (survey.needs_volpath or survey.one_convex_body)
 
     def look_along_paths(self, count: int) -> None:
         """Look along about ``count`` paths; what followed from fewer is forgotten."""
@@ -238,8 +238,8 @@ class SceneSubject:
 
     def second_opinion(self, tolerance: Tolerance) -> Verdict | None:
         """Return what particles from the lamps say of the picture by paths."""
-        if self.light_traced is None:
-            return None
+        if self.survey.needs_volpath or self.light_traced is None:
+            return None  # particles meet no media, and orders are not told apart there
         samples = self.paths.radiance(UNLIMITED)
         groups = samples.reshape(len(samples), GROUPS, -1, 3).mean(axis=2)
         return compare(self.view, self.light_traced, groups, self.display(tolerance))

@@ -27,7 +27,7 @@ class Body:
         convex: no point of a reflecting side can see another one, nor does it shade as if it did.
         luminous: it is an area light.
         transmits: light can pass through it.
-        mirror: its BSDF has a delta component.
+        mirror: it reflects or refracts into single directions.
         two_sided: it reflects on its back as well.
     """
 
@@ -103,6 +103,19 @@ class Survey:
         return any(shape.interior_medium() or shape.exterior_medium() for shape in self.shapes)
 
     @cached_property
+    def needs_volpath(self) -> bool:
+        """Whether light comes from lamps in ways that only ``volpath`` looks for.
+
+        Media scatter it; masks and thin panes let it through as it is, which ``path`` takes for
+        being hidden.
+        """
+        passed = any(
+            shape.bsdf() is not None and _is(shape.bsdf(), mi.BSDFFlags.Null)
+            for shape in self.shapes
+        )
+        return self.has_media or passed
+
+    @cached_property
     def only_by_light_tracing(self) -> str:
         """Which light no path from the camera can meet; empty where there is none."""
         for emitter in self.emitters:
@@ -134,6 +147,12 @@ def is_delta(emitter: Any) -> bool:
         mi.has_flag(flags, mi.EmitterFlags.Delta)
         and not mi.has_flag(flags, mi.EmitterFlags.Surface)
     )
+
+
+def _mirrors(bsdf: Any) -> bool:
+    """Return whether a BSDF sends light into single directions other than straight on."""
+    flags = mi.BSDFFlags
+    return _is(bsdf, flags.DeltaReflection) or _is(bsdf, flags.DeltaTransmission)
 
 
 def _is(thing: Any, flag: Any) -> bool:
@@ -186,7 +205,7 @@ def _unknown_body(shape: Any, index: int) -> Body:
         convex=False,
         luminous=shape.is_emitter(),
         transmits=_transmits(bsdf),
-        mirror=bsdf is not None and _is(bsdf, mi.BSDFFlags.Delta),
+        mirror=bsdf is not None and _mirrors(bsdf),
         two_sided=bsdf is not None and _is(bsdf, mi.BSDFFlags.BackSide),
     )
 

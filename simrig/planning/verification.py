@@ -1,10 +1,11 @@
 """A plan is checked once its picture is there, by an independent estimate of everything.
 
 A few per cent of the time of the picture go to paths of all orders with every effect, spread over
-blocks of it. With d what a block of the picture differs by from the estimate and n half of what the
-two halves of the estimate differ by, the mean of |d|² − |n|² is free of noise. Where it is above
-the tolerance by three standard errors, and more than the picture's own noise, the plan is
-contradicted: the left-out effect that explains it best comes on, and the picture is rendered again.
+blocks of it. With d what a block of the picture differs by from the estimate and n the most that
+either half of the estimate differs by from it, the mean of |d|² − |n|² is not above what they
+differ by without noise. Where it is above the tolerance by three standard errors, and more than the
+picture's own noise, the plan is contradicted: the left-out effect that explains it best comes on,
+and the picture is rendered again.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ class Estimate:
             seconds: that the estimate may take.
         """
         survey = Survey(self.view.scene)
-        integrator = path_integrator(self.view.scene, UNLIMITED, survey.has_media)
+        integrator = path_integrator(self.view.scene, UNLIMITED, survey.needs_volpath)
         self._everything, spent = [], 0.0
         for radiance, took in self._rounds(integrator):
             self._everything.append(radiance)
@@ -198,17 +199,21 @@ class Estimate:
         lit = (picture > 0.0).any(axis=1) | (halves > 0.0).any(axis=(0, 2))
         if not lit.any() or not np.isfinite(halves).all():
             return 0.0
-        shown = [self.display.coordinates(one[lit]) for one in (picture, *halves)]
-        both = self.display.coordinates(halves.mean(axis=0)[lit])
-        noise = (shown[1] - shown[2]) / 2.0
-        surplus = ((shown[0] - both) ** 2 - noise**2).sum(axis=1)
+        whole = halves.mean(axis=0)[lit]
+        both = self.display.coordinates(whole)
+        # colours are concave in radiance: one bright sample in a half moves them less upwards than
+        # its absence moves them downwards, and it may be absent from the picture
+        sides = [self.display.coordinates(half[lit]) - both for half in halves]
+        noise = np.max([(side**2).sum(axis=1) for side in sides], axis=0)
+        step = self.display.coordinates(picture[lit]) - both
+        surplus = (step**2).sum(axis=1) - noise
         pixels = np.mean([w * h for _, _, w, h in self._blocks])
         own = float(self.plan.about.get("noise") or 0.0) ** 2 / max(float(pixels), 1.0)
         error = float(surplus.std()) / math.sqrt(len(surplus))
         least = math.sqrt(max(float(surplus.mean()) - _CERTAIN * error - own, 0.0))
         if self.plan.tolerance.metric == "psnr":
             return least
-        return self.display.of_mean(least, halves.mean(axis=0)[lit])
+        return self.display.of_mean(least, whole)
 
 
 def _switched_on(plan: EffectPlan, effect: str) -> EffectPlan | None:
