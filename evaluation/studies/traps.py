@@ -120,7 +120,7 @@ def _row(at_work: Any, tolerance: Tolerance, reference: Replicates) -> dict[str,
     again = planned_render(at_work, plan, seed=2).image
     exposure = rendering.display_exposure(reference.image)
     measured = _apart(reference.image, result.image, exposure)
-    error = _apart(*reference.halves, exposure) / 2.0
+    error = _apart(reference.halves[0], reference.halves[1], exposure) / 2.0
     before = _apart(reference.image, planned, exposure)
     own = plan.about["exposure"]
     return {
@@ -231,7 +231,10 @@ def _text(row: Row) -> str:
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw the expected noise over the measured one."""
     path = folder / "traps.png"
-    axes = {"xlabel": "measured noise [mean ΔE]", "ylabel": "expected noise [mean ΔE]"}
+    axes: dict[str, Any] = {
+        "xlabel": "measured noise [mean ΔE]",
+        "ylabel": "expected noise [mean ΔE]",
+    }
     shown = [row for row in summary["rows"] if row.get("noise_measured", 0.0) > _LITTLE]
     with drawn_panel(path, 4.6, 4.0, xscale="log", yscale="log", **axes) as panel:
         measured = [row["noise_measured"] for row in shown]
