@@ -1,13 +1,14 @@
 """The best picture that a time allows: the tolerance is found that its plan just fills.
 
-A tighter tolerance simulates more effects with more samples and takes longer. Halving on its
-logarithm finds the tightest whose picture fits into the time; what is left of that goes into
-samples.
+A tighter tolerance simulates more effects with more samples and takes longer. A search finds the
+tightest whose picture fits into the time, or nearly so: it ends after a tenth of that time, and
+after 5 s. What is left of the time goes into samples.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
@@ -23,7 +24,8 @@ from simrig.planning.subject import SceneSubject
 from simrig.rendering import render as rendering
 
 _FINEST, _COARSEST = 1.0 / 32.0, 32.0  # of the tolerance from which the search starts
-_HALVINGS = 6
+_TRIES, _CLOSE = 6, 0.2  # plans, and the step of a logarithm that is not worth another
+_MOST_SECONDS, _SHARE = 5.0, 0.1  # of the search, and of the time of the picture
 
 
 def plan_budget(
@@ -73,14 +75,20 @@ def _best(
 
     The coarsest where none does.
     """
-    low, high = math.log(_FINEST), math.log(_COARSEST)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        tried = plan_subject(subject, tolerance.times(math.exp(middle)), overrides)
-        if tried.about["render_s"] <= seconds:
-            high = middle
-        else:
-            low = middle
+    subject.budget_seconds = seconds
+    low, high, guess = math.log(_FINEST), math.log(_COARSEST), 0.0
+    end = time.perf_counter() + min(_MOST_SECONDS, _SHARE * seconds)
+    for _ in range(_TRIES):
+        tried = plan_subject(subject, tolerance.times(math.exp(guess)), overrides)
+        over = math.log(max(tried.about["render_s"], 1e-6) / seconds)
+        low, high = (low, guess) if over <= 0.0 else (guess, high)
+        fits = guess + 0.5 * over  # where it would, if it is noise that falls with the root
+        if -_CLOSE < over <= 0.0 or high - low < _CLOSE:
+            break
+        if time.perf_counter() > end:
+            high = min(high, max(guess, fits))
+            break
+        guess = fits if low < fits < high else 0.5 * (low + high)
     wanted = tolerance.times(math.exp(high))
     plan = plan_subject(subject, wanted, overrides, seconds)
     error = plan.about["expected_error"]

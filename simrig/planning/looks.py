@@ -17,13 +17,12 @@ MOST_SECONDS = 200.0  # that a picture takes when nothing is said of its time
 _SHARE = 0.025  # of the samples of the picture, in one look
 
 
-def size_looks(subject: SceneSubject, noise: Tolerance, seconds: float | None) -> None:
+def size_looks(subject: SceneSubject, noise: Tolerance) -> None:
     """Look at a scene along as many paths as its picture is worth.
 
     Args:
         subject: the scene.
         noise: that the samples of the picture may leave.
-        seconds: that the picture is to take; what the noise calls for by default.
     """
     if not subject.tells_orders:
         return
@@ -31,9 +30,10 @@ def size_looks(subject: SceneSubject, noise: Tolerance, seconds: float | None) -
         subject.look_along_paths(PATHS[0])
     paths = subject.paths
     sampled = SampledSubject(subject, paths.radiance(UNLIMITED), paths.seconds_per_sample)
-    spp = sampled.needed(noise, noise.amount)[0] if seconds is None else 0
-    if seconds is not None:
-        spp = sampled.samples_within(seconds)
+    if subject.budget_seconds is None:
+        spp, _ = sampled.needed(noise, noise.amount)
+    else:
+        spp = sampled.samples_within(subject.budget_seconds)
     subject.affordable_paths = int(_SHARE * spp * subject.pixels)
     larger = [n for n in PATHS if n > subject.path_count]
     enough = subject.affordable_paths

@@ -100,6 +100,7 @@ def plan_scene(
     overrides = checked_overrides(enable, disable, everything)
     loading = planned_subject(scene, overrides, variant, exposure, sensor)
     with loading as subject, rendering.timed() as clock:
+        subject.budget_seconds = None
         plan = plan_subject(subject, tolerance, overrides)
     return replace(plan, about={**plan.about, **planning_times(subject, clock)})
 
@@ -118,7 +119,7 @@ def plan_subject(
     """
     check_possible(subject, overrides)
     allowed, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
-    size_looks(subject, noise, seconds)
+    size_looks(subject, noise)
     subject.follows_paths = must_follow_paths(subject, overrides, allowed)
     decisions = decide(SCENE_EFFECTS, subject, allowed, concerning(overrides, SCENE_EFFECTS))
     decisions = _as_the_variant_allows(subject, decisions)
@@ -142,7 +143,9 @@ def plan_subject(
     missing = deeper + averaged
     noise = tolerance.times(_noise_share(sampled, tolerance, left_out(decisions) + missing))
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
-    spp, smoothing, random = _samples(sampled, smoothing, noise, seconds)
+    free = seconds is None and subject.budget_seconds is not None  # a search for what fits
+    limit = math.inf if free else seconds
+    spp, smoothing, random = _samples(sampled, smoothing, noise, limit)
     if sampled.hopeless(noise):
         doubts = (*doubts, _RARE)
     settings = {

@@ -56,6 +56,7 @@ class SceneSubject:
         follows_paths: whether it is known that paths are traced, before anything is bounded.
         path_count: paths that a look follows; 0 before that was decided.
         affordable_paths: as many more as the picture is worth.
+        budget_seconds: that its picture is to take; None where its noise decides.
         exposure: of the display; by default ``display_exposure`` of ``picture``.
     """
 
@@ -80,6 +81,7 @@ class SceneSubject:
         self.survey = Survey(self.scene)
         self.follows_paths = False
         self.path_count, self.affordable_paths = 0, 0
+        self.budget_seconds: float | None = None
         self._exposure = exposure
         self.seconds, self.compile_seconds, self.refused = 0.0, 0.0, ""
         self._doubts: dict[str, tuple[Doubt, ...]] = {}

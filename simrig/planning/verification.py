@@ -97,7 +97,9 @@ def _with(subject: SceneSubject, plan: EffectPlan, effects: list[str]) -> Effect
     """Return the plan of a scene with effects forced on, at the same exposure."""
     left_out = [d.effect for d in plan.effects if not d.on and d.why == DISABLED]
     disable = tuple(name for name in left_out if name not in effects)
-    found = plan_subject(subject, plan.tolerance, Overrides(tuple(effects), disable))
+    found = plan_subject(
+        subject, plan.tolerance, Overrides(tuple(effects), disable), plan.about.get("budget_s")
+    )
     found = replace(found, about={**plan.about, **found.about})
     if "inter-reflection" in effects:
         return replace(found, settings={**found.settings, "depth": UNLIMITED})
