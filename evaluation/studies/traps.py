@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core import backend
-from simrig.core.effects import Plan, Tolerance
+from simrig.core.effects import EffectPlan, Tolerance
 from simrig.core.errors import SimrigError
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.images import foreground_mask
@@ -145,7 +145,7 @@ def _row(at_work: Any, tolerance: Tolerance, reference: Replicates) -> dict[str,
     }
 
 
-def _verdict(plan: Plan, measured: float, error: float) -> str:
+def _verdict(plan: EffectPlan, measured: float, error: float) -> str:
     if measured - _CERTAIN * error <= plan.tolerance.amount:
         return KEPT
     return BROKEN if plan.about["kept"] else WARNED
