@@ -9,6 +9,9 @@ import pytest
 
 from command_line import done, refusal, simrig
 from simrig.brdf import Lambert, Ward, kurt_material
+from simrig.brdf.kriging.axis import mirror_axis
+from simrig.brdf.kriging.displayed import displayed_pairs
+from simrig.brdf.kriging.model import Samples, fit_model
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.protocol import Brdf
 from simrig.core.arrays import components, scale, vector
@@ -302,6 +305,28 @@ def test_two_angles_are_measured_where_they_suffice(tmp_path):
     quantities = {quantity["name"]: quantity for quantity in told["pilot"]}
     assert quantities["highlight, half width"]["uncertainty"] > 0.0
     assert json.loads(json.dumps(told, allow_nan=False)) == told
+
+
+def test_main_axes_are_found_at_any_azimuth():
+    """By left-out samples: the pilot looks for a mirror at azimuth 0 only."""
+    turn = np.radians(29.0)
+    turned = Turned(kurt_material("yellow_satin"), turn)
+    rig, plan = Gonioreflectometer(), AutomaticPlan(400, REACH, REACH)
+    symmetry = found(rig.measure(turned, plan)).symmetry
+    assert symmetry.mirror
+    assert symmetry.half_turn  # so that there is a second plane beside the first
+    off = np.mod(symmetry.axis - turn + 0.25 * np.pi, 0.5 * np.pi) - 0.25 * np.pi
+    assert abs(off) < np.radians(1.0)
+
+
+def test_an_axis_is_an_azimuth_and_not_one_from_that_of_the_model():
+    turned = Turned(kurt_material("fabric112"), 0.5)
+    wi, wv = displayed_pairs(300, REACH, REACH, 4)
+    samples = Samples(wi, wv, turned.eval(wi, wv), REACH, REACH)
+    for axis in (0.0, 1.3):
+        symmetry = Symmetry(reciprocal=True, half_turn=True, axis=axis)
+        model = fit_model(samples, symmetry, evaluations=100)
+        assert np.mod(mirror_axis(model), 0.5 * np.pi) == pytest.approx(0.5, abs=0.02)
 
 
 def test_it_stops_when_it_is_good_enough():

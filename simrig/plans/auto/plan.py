@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from simrig.brdf.kriging.choice import left_out_error, with_profile
+from simrig.brdf.kriging.choice import with_profile
 from simrig.brdf.kriging.coordinates import half_difference_angles
 from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs
 from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
@@ -22,6 +22,7 @@ from simrig.plans.auto.batches import next_batch, travel_order
 from simrig.plans.auto.description import describe
 from simrig.plans.auto.families import FAMILIES, Choice, Shares, choose, family_named
 from simrig.plans.auto.findings import Doubt, findings_of, layout_of
+from simrig.plans.auto.look_back import looked_back
 from simrig.plans.auto.pilot import Pilot, pilot_pairs
 from simrig.plans.auto.told import told
 from simrig.plans.listed import Directions
@@ -38,7 +39,6 @@ _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
 _PROBED = 512  # pairs that pictures show, for the bounds of effects
-_CLEARLY = 0.9  # another symmetry must predict this much better
 
 # yields (n, 4) theta_i, theta_v, phi_i, phi_v in radians, and is sent (n, 3) values of f_r
 Asked = Generator[np.ndarray, np.ndarray, KrigingModel]
@@ -228,15 +228,18 @@ class _Run:
     def _batch(
         self, model: KrigingModel, choice: Choice, wanted: int, number: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        wi, wv = self._candidates(choice.shares, number)
+        measured = len(model.samples) + wanted
+        wi, wv = self._candidates(choice.shares, measured, number)
         angles = half_difference_angles(wi, wv, model.symmetry.axis)
         chosen = next_batch(model, angles, np.ones(len(wi), dtype=bool), wanted)
         chosen = chosen[travel_order(wi[chosen], wv[chosen])]
         return wi[chosen], wv[chosen]
 
-    def _candidates(self, shares: Shares, number: int) -> tuple[np.ndarray, np.ndarray]:
+    def _candidates(
+        self, shares: Shares, measured: int, number: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         plan = self.plan
-        count = max(_CANDIDATES, _CANDIDATES_PER_SAMPLE * plan.samples)
+        count = max(_CANDIDATES, _CANDIDATES_PER_SAMPLE * measured)
         even, cores = int(shares.even * count), int(shares.cores * count)
         lobes = cores + int(shares.back * count)
         seed = 1000 * plan.seed + 2 * number
@@ -254,21 +257,14 @@ class _Run:
         Samples lie at all azimuths and in both orders, whatever was assumed, so that they show
         what a pilot missed. What a user wished stays, and the doubt is told.
         """
-        least = left_out_error(model)
-        best = model
-        for symmetry in _alternatives(model.symmetry, bivariate):
-            other = fit_model(model.samples, symmetry, evaluations=100)
-            error = left_out_error(other)
-            if error < _CLEARLY * least:
-                best, least = other, error
+        best, share = looked_back(model, bivariate)
+        if best is model:
+            return model
         wished = self.plan.family
         if wished is not None and FAMILIES[wished].shape is not None:
-            if best is not model:
-                share = least / left_out_error(model)
-                self.doubts.append(Doubt(len(model.samples), best.symmetry, share))
+            self.doubts.append(Doubt(len(model.samples), best.symmetry, share))
             return model
-        if best is not model:
-            self.symmetries.append((len(model.samples), best.symmetry))
+        self.symmetries.append((len(model.samples), best.symmetry))
         return best
 
     def _predicted(self, model: KrigingModel) -> float:
@@ -281,32 +277,3 @@ def _angles(wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
     """Return theta_i, theta_v, phi_i, phi_v in radians, (n, 4)."""
     (theta_i, phi_i), (theta_v, phi_v) = to_angles(wi), to_angles(wv)
     return np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
-
-
-def _alternatives(symmetry: Symmetry, bivariate: bool) -> list[Symmetry]:
-    """Return the symmetries that differ in one, and in reciprocity where isotropy is in doubt.
-
-    Args:
-        symmetry: that is in use.
-        bivariate: whether the pilot allows that phi_d does not matter.
-    """
-    flags = {**symmetry.as_dict(), "bivariate": False}
-    if symmetry.bivariate:
-        turned = [flags, {**flags, "reciprocal": False}]
-        turned += [{**flags, "isotropic": False, "reciprocal": swap} for swap in (True, False)]
-        turned.append({**flags, "isotropic": False, "mirror": False})
-    elif not symmetry.isotropic:
-        turned = [
-            {**flags, name: not flags[name]} for name in ("reciprocal", "mirror", "half_turn")
-        ]
-        turned.append({**flags, "isotropic": True, "mirror": True, "half_turn": True})
-    else:
-        turned = [{**flags, name: not flags[name]} for name in ("reciprocal", "mirror")]
-        turned += [
-            {**flags, "isotropic": False, "reciprocal": swap, "mirror": both, "half_turn": both}
-            for swap in (True, False)
-            for both in (True, False)
-        ]
-        if bivariate and symmetry.reciprocal and symmetry.mirror:
-            turned.append({**flags, "bivariate": True})
-    return [Symmetry(**own) for own in turned]

@@ -1,0 +1,71 @@
+"""A look back at what the pilot said: would another symmetry predict left-out samples better?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from simrig.brdf.kriging.axis import mirror_axis
+from simrig.brdf.kriging.choice import left_out_error
+from simrig.brdf.kriging.model import KrigingModel, fit_model
+from simrig.brdf.kriging.symmetry import Symmetry
+
+_OF_ISOTROPIC = "reciprocal", "mirror"  # the symmetries that isotropic materials may lack
+_CLEARLY = 0.9  # another symmetry must predict this much better,
+_SLIGHTLY = 0.98  # the same with another axis this much
+
+
+def looked_back(model: KrigingModel, bivariate: bool) -> tuple[KrigingModel, float]:
+    """Return the model, or that of a symmetry that predicts left-out samples clearly better.
+
+    Samples lie at all azimuths and in both orders, whatever was assumed, so that they show what a
+    pilot missed, and where a mirror plane lies.
+
+    Args:
+        model: that is in use.
+        bivariate: whether the pilot allows that phi_d does not matter.
+
+    Returns:
+        The model, and its error over that of the one in use.
+    """
+    errors = {model: left_out_error(model)}
+    for symmetry in alternatives(model.symmetry, bivariate):
+        other = _fitted(model, symmetry)
+        errors[other] = left_out_error(other)
+    free = [m for m in errors if not (m.symmetry.isotropic or m.symmetry.mirror)]
+    base = min(free, key=errors.__getitem__)
+    mirrored = _fitted(model, replace(base.symmetry, mirror=True, axis=mirror_axis(base)))
+    errors[mirrored] = left_out_error(mirrored)
+    best = min(errors, key=errors.__getitem__)
+    turned = model.symmetry == replace(best.symmetry, axis=model.symmetry.axis)
+    share = errors[best] / errors[model]
+    return (best, share) if share < (_SLIGHTLY if turned else _CLEARLY) else (model, 1.0)
+
+
+def alternatives(symmetry: Symmetry, bivariate: bool) -> list[Symmetry]:
+    """Return the symmetries that differ in one; mirrors at other azimuths are looked for later.
+
+    One at least is anisotropic without a mirror.
+
+    Args:
+        symmetry: that is in use.
+        bivariate: whether the pilot allows that phi_d does not matter.
+    """
+    plain = replace(symmetry, bivariate=False)
+    if symmetry.isotropic:
+        others = [replace(plain, **{name: not getattr(plain, name)}) for name in _OF_ISOTROPIC]
+        turning = replace(plain, isotropic=False, mirror=False)
+        others += [turning, replace(turning, half_turn=False)]
+        if symmetry.bivariate:
+            return [plain, *others]
+        if bivariate and symmetry.reciprocal and symmetry.mirror:
+            others.append(replace(symmetry, bivariate=True))
+        return others
+    names = ("reciprocal", "half_turn", *(("mirror",) if symmetry.mirror else ()))
+    others = [replace(plain, **{name: not getattr(plain, name)}) for name in names]
+    return [*others, replace(plain, isotropic=True, mirror=True, half_turn=True, axis=0.0)]
+
+
+def _fitted(model: KrigingModel, symmetry: Symmetry) -> KrigingModel:
+    """Return the model of the same samples under another symmetry."""
+    profile = model.profile if symmetry.isotropic else None
+    return fit_model(model.samples, symmetry, evaluations=100, profile=profile)
