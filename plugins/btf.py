@@ -105,6 +105,8 @@ def define_btf(adapter: type) -> type:
                 "tolerance": number(props, "tolerance", TOLERANCE),
             }
             given = {name: value for name, value in options.items() if name in asked}
+            if not any(number(props, name, 0.0) for name in ("pixel_angle", "pixel_width")):
+                _refuse(given, {"anisotropy"}, "pixels of no size have no footprint")
             return _loaded(path, given)
 
         def _place(self, si: Any) -> Any:

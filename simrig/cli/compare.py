@@ -74,12 +74,18 @@ def compare(
     }
     if as_materials and (layer or reference_layer):
         raise SimrigError("layers are those of pictures: leave them or --materials out")
+    if difference is None:
+        frame.refuse_unused("nothing is written without --difference", "overwrite")
+    if as_materials and not any(name.lower().endswith(".exr") for name in (reference, other)):
+        frame.refuse_unused("none of the two is an OpenEXR file", "as_materials")
     names, layers = (reference, other), (reference_layer, layer)
     items: list[Any] = [
         load_material(name) if as_materials else name if of is None else read_picture(name, of)
         for name, of in zip(names, layers, strict=True)
     ]
     pictures = are_pictures(*items)
+    if not pictures:
+        frame.refuse_unused("materials have no foreground", "foreground")
     if difference is not None and not pictures:
         raise SimrigError("a difference image is made of pictures: 'simrig render' both first")
     with ExitStack() as held, frame.progress("comparing"):

@@ -50,6 +50,8 @@ def converge(
     from simrig.evaluation.convergence.ledger import Ledger
     from simrig.evaluation.convergence.report import convergence_tables
 
+    if output is None:
+        frame.refuse_unused("nothing is written without --output", "overwrite")
     allowed = parse_tolerance(tolerance)
     settings: dict[str, Any] = {
         "integrators": integrator or tuple(convergence.INTEGRATORS),

@@ -36,6 +36,7 @@ def convert(
     from simrig.files.load import read_material, save_material
 
     if material is None:
+        frame.refuse_unused("the formats are listed", "format", "overwrite", *Reading.names())
         return _formats()
     if output is None:
         raise SimrigError("name the file to write: simrig convert MATERIAL OUTPUT")

@@ -42,9 +42,14 @@ def distance(
     What is looked at: a flat piece from 0.6 m under two lights, or a cylinder that stands there,
     see docs/perception.md.
     """
-    from simrig.front_door.seeing import stimulus_of
+    from simrig.files.pictures import names_picture
+    from simrig.front_door.seeing import FLAT, stimulus_of
     from simrig.viewing.structure.probe import FEATURES, probe
 
+    if names_picture(material):
+        frame.refuse_unused(f"'{material}' is a picture", "seed", "spp", "texels")
+    if stimulus == FLAT:
+        frame.refuse_unused("a flat piece is no BTF", "texels")
     shown, size, source = stimulus_of(
         material,
         size_mm=size_mm,

@@ -61,6 +61,7 @@ class _Run:
     quiet: bool = False
     verbose: bool = False
     resume: str = field(default="run the same command again")
+    given: dict[str, str] = field(default_factory=dict)  # parameter to the option that was given
 
 
 _run = _Run()
@@ -109,7 +110,8 @@ def _framed(function: Callable[..., Report]) -> Callable[..., None]:
 
     def run(*, as_json: bool, quiet: bool, verbose: bool, **arguments: Any) -> None:
         global _run
-        _run = _Run(quiet=quiet, verbose=verbose)
+        given = {p.name for p in parameters if arguments.get(p.name, p.default) != p.default}
+        _run = _Run(quiet=quiet, verbose=verbose, given={n: flags[n] for n in flags if n in given})
         for name, group in groups.items():
             arguments[name] = group(**{f.name: arguments.pop(f.name) for f in fields(group)})
         with _errors_as_exit_codes():
@@ -121,10 +123,30 @@ def _framed(function: Callable[..., Report]) -> Callable[..., None]:
 
     shared = [_keyword(key, False, kind) for key, kind in _SHARED.items()]
     parameters = [option for p in own for option in map(_with_short_name, _options_of(p))] + shared
+    flags = {item.name: _flag(item) for item in parameters}
     run.__name__, run.__doc__ = function.__name__, function.__doc__
     run.__annotations__ = {item.name: item.annotation for item in parameters}
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run
+
+
+def _flag(parameter: inspect.Parameter) -> str:
+    """Return the name of an option as the user writes it."""
+    said = getattr(parameter.annotation, "__metadata__", ())
+    names = [name for info in said for name in getattr(info, "param_decls", None) or ()]
+    return next(iter(names), "--" + parameter.name.replace("_", "-"))
+
+
+def refuse_unused(why: str, *names: str) -> None:
+    """Refuse options that the user gave and that have no effect.
+
+    Args:
+        why: they have none.
+        names: of parameters of the command that runs.
+    """
+    given = [_run.given[name] for name in names if name in _run.given]
+    if given:
+        raise SimrigError(f"{why}: leave out {', '.join(given)}")
 
 
 def _options_of(parameter: inspect.Parameter) -> list[inspect.Parameter]:

@@ -45,13 +45,19 @@ def materials(
 
     if structures and (name is not None or picture is not None):
         raise SimrigError("--structures lists all of them: leave the name and --picture out")
+    if picture is None:
+        frame.refuse_unused("nothing is written without --picture", "overwrite")
     if structures:
+        frame.refuse_unused("--structures reads no file", *Reading.names())
         return listing()
     if name in PRESETS and not Path(str(name)).exists():
+        frame.refuse_unused(f"'{name}' is no file", *Reading.names())
         return describe(str(name), picture, overwrite)
     is_scene = name in SCENES and not Path(str(name)).exists()
     if picture is not None and (name is None or is_scene):
         raise SimrigError("--picture draws one material: name it")
+    if name is None or is_scene:
+        frame.refuse_unused("no material file is named", *Reading.names())
     if name is None:
         return _all()
     if is_scene:

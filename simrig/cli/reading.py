@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -44,6 +44,11 @@ class Reading:
         str | None, typer.Option(help="Of colours outside sRGB: clip (unless given) or keep.")
     ] = None
     side: Annotated[str | None, typer.Option(help="Of a BSDF of WINDOW: front or back.")] = None
+
+    @classmethod
+    def names(cls) -> list[str]:
+        """Return the names of the options."""
+        return [option.name for option in fields(cls)]
 
     def options(self) -> ReadOptions:
         """Return them as readers take them."""

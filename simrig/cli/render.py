@@ -81,6 +81,10 @@ def render(
     by_hand = spp is not None or integrator is not None
     if by_hand and (budget or effects.given):
         raise SimrigError("--spp and --integrator replace the plan: leave them or its options out")
+    if by_hand:
+        frame.refuse_unused("without a plan nothing is verified", "verify")
+    if output.suffix.lower() != ".exr":
+        frame.refuse_unused("the picture is no EXR", "png")
     files = [output]
     if png and output.suffix.lower() == ".exr":
         files.append(output.with_suffix(".png"))

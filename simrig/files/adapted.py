@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +54,11 @@ class ReadOptions:
     wavelengths: str | None = None
     side: str | None = None
     gamut: str | None = None
+
+    @property
+    def stated(self) -> list[str]:
+        """Names of what was stated."""
+        return [f.name for f in fields(self) if getattr(self, f.name) not in (None, False)]
 
     @property
     def in_gamut(self) -> str:

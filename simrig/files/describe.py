@@ -66,6 +66,16 @@ def describe(
     Raises:
         SimrigError: no such file, a damaged one, or one of no kind that is known.
     """
+    about = _described(path, options, layer)
+    stated = options.stated if options else []
+    if stated and about.kind != "material":
+        raise SimrigError(f"'{path}' is a {about.kind}: leave out {', '.join(stated)}")
+    if layer is not None and about.kind != "picture":
+        raise SimrigError(f"'{path}' is a {about.kind}, layers are those of pictures: leave it out")
+    return about
+
+
+def _described(path: str | Path, options: ReadOptions | None, layer: str | None) -> Description:
     path = Path(path)
     if path.is_dir() or (is_archive(path) and _holds_pictures(path)):
         return _folder(path)

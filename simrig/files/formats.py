@@ -48,6 +48,7 @@ class Format:
         honours: what the file says about its values and is used.
         options: names of ``ReadOptions`` that it takes, beside ``clamp_negative`` and ``factor``.
         takes: names of the options of ``write``.
+        clamps: whether ``clamp_negative`` has a meaning.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Format:
     honours: str = ""
     options: tuple[str, ...] = ()
     takes: tuple[str, ...] = ()
+    clamps: bool = True
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -78,6 +80,11 @@ def read_as(format: str, path: Path, options: ReadOptions) -> Read:
     """
     if options.gamut is not None:
         check_known("gamut", options.gamut, GAMUTS)
+    if options.clamp_negative and not FORMATS[format].clamps:
+        raise SimrigError(
+            f"'clamp_negative' is not for files of format {format}, whose negative values are no "
+            "noise: leave it out"
+        )
     for option in fields(options)[2:]:
         if getattr(options, option.name) is not None and option.name not in FORMATS[format].options:
             takers = [f.name for f in FORMATS.values() if option.name in f.options]
@@ -130,6 +137,7 @@ _ALL = (
         hdf5.write_brdf,
         honours="version, kind, units",
         takes=("provenance",),
+        clamps=False,
     ),
     Format(
         "merl",
@@ -138,6 +146,7 @@ _ALL = (
         read_merl,
         write_merl,
         honours="counts of bins, bins not measured",
+        clamps=False,
     ),
     Format(
         "utia",
@@ -167,6 +176,7 @@ _ALL = (
         honours="RGB or spectra, wavelengths, float64, jacobian, symmetry",
         options=("wavelengths", "gamut"),
         takes=("resolution",),
+        clamps=False,
     ),
     Format(
         "astm",

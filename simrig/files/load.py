@@ -90,6 +90,8 @@ def read_material(spec: str | Path, options: ReadOptions | None = None) -> Read:
     """Return a material with what was made of its file; otherwise as ``load_material``."""
     options = options or ReadOptions()
     name = str(spec)
+    if name in MATERIALS and options.stated:
+        raise SimrigError(f"'{name}' is built in: leave out {', '.join(options.stated)}")
     if name in _BUILT_IN:
         return Read(_BUILT_IN[name]())
     if name in MATERIALS:

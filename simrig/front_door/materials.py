@@ -55,16 +55,26 @@ def load(source: str | Path, *, clamp_negative: bool = False, **stated: Any) -> 
     if not isinstance(source, str | Path):
         raise SimrigError(f"a name or a file is needed, got {_kind(source)}")
     name, path = str(source), Path(source)
+    asked = [option for option, value in stated.items() if value is not None]
+    asked += ["clamp_negative"] if clamp_negative else []
     if name in PRESETS and not path.exists():
+        _refuse_stated(f"'{name}' is built in", asked)
         return build_tile(name)
     if name not in MATERIALS and not path.exists() and path.name == name and not path.suffix:
         raise unknown_name("material", name, (*MATERIALS, *PRESETS))
     content = hdf5.content_of(path) if _is_hdf5(path) else ""
+    if "measurement" in content or content == BTF:
+        _refuse_stated(f"'{source}' is no material file", asked)
     if "measurement" in content:
         return load_measurement(path)
     if content == BTF:
         return read_btf(path)
     return load_material(source, clamp_negative, **stated)
+
+
+def _refuse_stated(why: str, asked: list[str]) -> None:
+    if asked:
+        raise SimrigError(f"{why}: leave out {', '.join(asked)}")
 
 
 def _is_hdf5(path: Path) -> bool:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from simrig.core.effects import Tolerance
-from simrig.core.errors import SimrigError
 from simrig.planning.change import Display
 from simrig.planning.directional import Environment
 from simrig.planning.doubts import Doubt, doubts_about
@@ -69,14 +68,7 @@ class SceneSubject:
         with rendering.timed() as clock:
             self.scene = rendering.load(source.build())
         self.loading_seconds = clock.run_seconds
-        count = len(self.scene.sensors())
-        if not count:
-            raise SimrigError("the scene has no camera: add a sensor")
-        if not 0 <= source.sensor < count:
-            raise SimrigError(
-                f"the scene has {count} sensor{'s' * (count > 1)}, numbered from 0: there is no "
-                f"sensor {source.sensor}"
-            )
+        rendering.sensor_of(self.scene, source.sensor)
         self.view = View(self.scene, source.sensor)
         self.survey = Survey(self.scene)
         self.follows_paths = False

@@ -170,7 +170,7 @@ def render(
         SimrigError: bad arguments, or a result that is not finite (names the pixels).
     """
     scene = load(scene)
-    camera = scene.sensors()[sensor]
+    camera = sensor_of(scene, sensor)
     spp = camera.sampler().sample_count() if spp is None else spp
     _check_whole("spp", spp, least=1)
     _check_whole("the seed", seed, least=0)
@@ -202,6 +202,23 @@ def render(
         str(mi.variant()),
         film,
     )
+
+
+def sensor_of(scene: Any, number: int) -> Any:
+    """Return a sensor of a loaded scene.
+
+    Raises:
+        SimrigError: there is none of this number.
+    """
+    sensors = scene.sensors()
+    if not sensors:
+        raise SimrigError("the scene has no camera: add a sensor")
+    if not 0 <= number < len(sensors):
+        raise SimrigError(
+            f"the scene has {len(sensors)} sensor{'s' * (len(sensors) > 1)}, numbered from 0: "
+            f"there is no sensor {number}"
+        )
+    return sensors[number]
 
 
 def _pass(
