@@ -199,7 +199,7 @@ def test_less_alias_with_distance(btf, variant_llvm) -> None:
         ({"pixel_angle": -1.0}, "'pixel_angle' must be in"),
         ({"missing": "ignore"}, "known: fill, refuse"),
         ({"budget": 1e-3}, "MiB as a full stack"),
-        ({"anisotropy": 0}, "anisotropy must be"),
+        ({"anisotropy": 0, "pixel_angle": 1.0}, "anisotropy must be"),
         ({"filename": "nowhere.h5"}, "there is no file 'nowhere.h5'"),
     ],
 )

@@ -59,9 +59,12 @@ def test_an_option_that_does_nothing_is_refused_and_a_budget_kept(
 
 
 def test_options_are_used(files: dict[str, Path], variant_llvm: Any) -> None:
-    assert loaded(files["factors"], form="factored", anisotropy=3).mipmap.anisotropy == 3
+    assert (
+        loaded(files["factors"], form="factored", anisotropy=3, pixel_angle=1.0).mipmap.anisotropy
+        == 3
+    )
     assert loaded(files["factors"]).mipmap.anisotropy == 8
-    assert loaded(files["stack"], anisotropy=2).mipmap.anisotropy == 2
+    assert loaded(files["stack"], anisotropy=2, pixel_angle=1.0).mipmap.anisotropy == 2
     coarse = loaded(files["stack"], form="factored", tolerance=0.9)
     fine = loaded(files["stack"], form="factored", tolerance=0.05)
     assert coarse.error > fine.error and fine.error <= 0.05
@@ -74,7 +77,7 @@ def test_tables_are_shared_and_go_when_they_are_large(
     assert loaded(files["stack"]) is first
     assert any(one is first for one in plugin._recent)
     monkeypatch.setattr(plugin, "_KEPT_BYTES", 1000)
-    second = loaded(files["stack"], anisotropy=4)
+    second = loaded(files["stack"], anisotropy=4, pixel_angle=1.0)
     assert not plugin._recent, "both are larger than what is kept"
     keys = len(plugin._shared)
     del first, second
