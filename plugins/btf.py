@@ -41,7 +41,7 @@ def define_btf(adapter: type) -> type:
     | pixel_angle | float | 0 | – | degrees of one pixel: the footprint grows with distance |
     | pixel_width | float | 0 | – | mm of one pixel of an orthographic camera |
     | unit | float | 1 | – | mm per unit of the scene |
-    | anisotropy | integer | 8 | – | most look-ups along a footprint's longer axis; with a pixel size |
+    | anisotropy | integer | 8 | – | most look-ups along a footprint (with a pixel's size) |
     | missing | string | refuse | – | of a full stack, pairs without an image: `refuse` or `fill` |
     | budget | float | 2048 | – | MiB that the table or the factors may take |
     | over_budget | string | refuse | – | a larger full stack: `refuse`, or `coarsen` the tile |
