@@ -63,10 +63,11 @@ def numbers(at: HalfDifference, values: np.ndarray) -> dict[str, float]:
     peak, body = float(top.mean()), float(middle.mean())
     back, positive = np.flatnonzero(away & (at.theta_d < _BACK)), means[means > 0.0]
     above = means > np.sqrt(max(peak * body, 0.0))
+    stands_out = peak >= _STANDS_OUT * body and bool(np.any(above))
     found = {
         "peak": peak,
         "body": body,
-        "width": float(np.median(at.theta_h[above])) if peak >= _STANDS_OUT * body else np.nan,
+        "width": float(np.median(at.theta_h[above])) if stands_out else np.nan,
         "retro": _outshines(at, means, back),
         "dynamic_range": float(np.log2(positive.max() / positive.min())) if len(positive) else 0.0,
     }
