@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from simrig.core.colour import LUMINANCE
 from simrig.core.errors import SimrigError
 from simrig.files.images import write_exr
-from simrig.rendering.environment import environment_lights, read_environment
+from simrig.rendering.environment import described_lights, environment_lights, read_environment
 from simrig.rendering.render import render
 from simrig.scenes import DirectionalLights, builtin_environment, environment_sphere, median_cut
 from simrig.scenes.latlong import latlong_directions, solid_angles
@@ -192,6 +192,18 @@ def test_exr_files_are_read(tmp_path: Path) -> None:
     radiance = builtin_environment(64).astype(np.float32)
     write_exr(path, radiance, {})
     np.testing.assert_array_equal(read_environment(path), radiance)
+
+
+def test_what_was_made_of_a_map_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "terrace.exr"
+    write_exr(path, 3.0 * builtin_environment(64).astype(np.float32), {})
+    lights, said = described_lights(path, 16)
+    plain, _ = described_lights(path, 16, exposed=False)
+    factor = lights.irradiance.sum() / plain.irradiance.sum()
+    assert "OpenEXR, 64 × 32 pixels" in said and "16 directional lights" in said
+    assert f"times {factor:.4g} " in said
+    with pytest.raises(SimrigError):
+        described_lights(path, 0)
 
 
 def test_files_that_are_not_twice_as_wide_are_refused(tmp_path: Path) -> None:

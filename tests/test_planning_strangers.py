@@ -371,7 +371,8 @@ def test_a_budget_buys_what_it_can() -> None:
     little, much = (plan_budget(scene, seconds, "dE=1") for seconds in (0.2, 4.0))
     assert much.settings["spp"] > little.settings["spp"]
     assert much.tolerance.amount < little.tolerance.amount
-    for plan in (little, much):
+    for plan, seconds in ((little, 0.2), (much, 4.0)):
+        assert 0.4 * seconds < plan.about["render_s"] <= seconds
         errors = [row["error"] for row in plan.about["over_time"]]
         assert errors == sorted(errors, reverse=True)
     with pytest.raises(SimrigError, match="seconds above 0"):

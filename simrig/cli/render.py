@@ -147,6 +147,7 @@ def render(
         shown=[
             f"{', '.join(map(str, files))}: {width} × {height}, {result.spp} samples per pixel, "
             f"{result.run_seconds:.2f} s and {result.compile_seconds:.2f} s of compilation",
+            *([f"environment: {about['environment']}"] if "environment" in about else []),
             *([result.film] if result.film else []),
             *_shown(planned),
         ],
@@ -168,7 +169,7 @@ def _subject(
     from simrig.cli.scene_argument import for_files, is_scene_file, scene_file
     from simrig.files.load import load_material
     from simrig.plugins import make_bsdf
-    from simrig.rendering.environment import BUILTIN, environment_lights
+    from simrig.rendering.environment import BUILTIN, described_lights
     from simrig.scenes import build_scene
 
     if is_scene_file(scene):
@@ -179,16 +180,18 @@ def _subject(
     for_files(scene, define, scale)
     if material is None:
         raise SimrigError(f"the scene '{scene}' needs a --material: see 'simrig materials'")
+    about = {"scene": scene, "material": material}
     rotation = options.pop("rotation", 0.0)
     source = options.pop("environment", None)
     if source is not None or "lights" in options:
-        options["lights"] = environment_lights(source or BUILTIN, options.get("lights", 256))
+        made = described_lights(source or BUILTIN, options.get("lights", 256))
+        options["lights"], about["environment"] = made
     brdf = load_material(material)
 
     def build() -> dict[str, Any]:
         return build_scene(scene, make_bsdf(brdf, rotation), **options)
 
-    return build, {"scene": scene, "material": material}
+    return build, about
 
 
 def _exposure(planned: EffectPlan | None, image: Any) -> float:

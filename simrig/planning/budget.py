@@ -79,7 +79,7 @@ def _best(
     low, high, guess = math.log(_FINEST), math.log(_COARSEST), 0.0
     end = time.perf_counter() + min(_MOST_SECONDS, _SHARE * seconds)
     for _ in range(_TRIES):
-        tried = plan_subject(subject, tolerance.times(math.exp(guess)), overrides)
+        tried = plan_subject(subject, tolerance.times(math.exp(guess)), overrides, math.inf)
         over = math.log(max(tried.about["render_s"], 1e-6) / seconds)
         low, high = (low, guess) if over <= 0.0 else (guess, high)
         fits = guess + 0.5 * over  # where it would, if it is noise that falls with the root

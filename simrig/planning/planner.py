@@ -114,8 +114,8 @@ def plan_subject(
         subject: the scene.
         tolerance: how far the picture may be from the converged one with every effect.
         overrides: what the user decided.
-        seconds: that the picture is to take, whatever noise they leave; as few as the tolerance
-            allows by default, and ``MOST_SECONDS`` at most.
+        seconds: that the picture is to take, whatever noise they leave; infinite for as many as the
+            noise calls for; ``MOST_SECONDS`` at most by default.
     """
     check_possible(subject, overrides)
     allowed, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
@@ -143,9 +143,7 @@ def plan_subject(
     missing = deeper + averaged
     noise = tolerance.times(_noise_share(sampled, tolerance, left_out(decisions) + missing))
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
-    free = seconds is None and subject.budget_seconds is not None  # a search for what fits
-    limit = math.inf if free else seconds
-    spp, smoothing, random = _samples(sampled, smoothing, noise, limit)
+    spp, smoothing, random = _samples(sampled, smoothing, noise, seconds)
     if sampled.hopeless(noise):
         doubts = (*doubts, _RARE)
     settings = {
@@ -341,13 +339,14 @@ def _samples(
     """Return the samples per pixel, the decision about them with its settings, and their noise."""
     if decision.bound is None or decision.bound.absent:
         return 1, decision, 0.0
-    if not decision.on and seconds is None:
+    fills = seconds is not None and math.isfinite(seconds)
+    if not decision.on and not fills:
         return 1, decision, decision.bound.value
     spp, change = sampled.needed(allowed, allowed.amount)
     reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
     most = sampled.samples_within(MOST_SECONDS if seconds is None else seconds)
-    if most < spp or seconds is not None:
-        reached = "" if seconds is not None else f", above its share: more take {MOST_SECONDS:g} s"
+    if most < spp or fills:
+        reached = "" if fills else f", above its share: more take {MOST_SECONDS:g} s"
         spp, change = most, sampled.change(allowed, most)
     why = f"{decision.why}; {spp} samples per pixel leave {change:.3g}{reached}"
     cost = decision.cost_s * (spp - 1) / (USUAL_SPP - 1)

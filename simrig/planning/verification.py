@@ -3,9 +3,9 @@
 A few per cent of the time of the picture go to paths of all orders with every effect, spread over
 blocks of it. With d what a block of the picture differs by from the estimate and n the most that
 either half of the estimate differs by from it, the mean of |d|² − |n|² is not above what they
-differ by without noise. Where it is above the tolerance by three standard errors, and more than the
-picture's own noise, the plan is contradicted: the left-out effect that explains it best comes on,
-and the picture is rendered again.
+differ by without noise. Where that is above the tolerance by three standard errors, and more than
+the picture's own noise, the plan is contradicted: the left-out effect that explains it best comes
+on, and the picture is rendered again. The tolerance is what of it the expected noise leaves.
 """
 
 from __future__ import annotations
@@ -85,12 +85,20 @@ def verified_render(
             estimate = Estimate(subject.view, plan)
             check = estimate.check(result.image, max(SHARE * result.run_seconds, LEAST_SECONDS))
             spent += check.seconds
-            contradicted = check.least > max(plan.tolerance.amount, _LEAST[plan.tolerance.metric])
+            contradicted = check.least > _may_lack(plan)
             cause = estimate.cause() if contradicted and len(switched) + 1 < _RENDERS else ""
             if not cause:
                 return result, _reported(plan, check, contradicted, switched, spent)
             switched.append(cause)
             plan = _with(subject, plan, switched)
+
+
+def _may_lack(plan: EffectPlan) -> float:
+    """Return by how much a picture may differ but for its noise, as its plan has it."""
+    noise = float(plan.about.get("noise") or 0.0)
+    expected = float(plan.about.get("expected_error") or 0.0)
+    most = max(plan.tolerance.amount, expected) - noise
+    return max(most, _LEAST[plan.tolerance.metric])
 
 
 def _with(subject: SceneSubject, plan: EffectPlan, effects: list[str]) -> EffectPlan:
@@ -207,15 +215,20 @@ class Estimate:
         # its absence moves them downwards, and it may be absent from the picture
         sides = [self.display.coordinates(half[lit]) - both for half in halves]
         noise = np.max([(side**2).sum(axis=1) for side in sides], axis=0)
-        step = self.display.coordinates(picture[lit]) - both
-        surplus = (step**2).sum(axis=1) - noise
-        pixels = np.mean([w * h for _, _, w, h in self._blocks])
-        own = float(self.plan.about.get("noise") or 0.0) ** 2 / max(float(pixels), 1.0)
-        error = float(surplus.std()) / math.sqrt(len(surplus))
-        least = math.sqrt(max(float(surplus.mean()) - _CERTAIN * error - own, 0.0))
-        if self.plan.tolerance.metric == "psnr":
+        squares = ((self.display.coordinates(picture[lit]) - both) ** 2).sum(axis=1)
+        pixels = float(np.mean([w * h for _, _, w, h in self._blocks]))
+        own = float(self.plan.about.get("noise") or 0.0) / math.sqrt(max(pixels, 1.0))
+        least = math.sqrt(max(_surely(squares - noise) - own**2, 0.0))
+        if self.plan.tolerance.metric == "psnr" or least == 0.0:
             return least
-        return self.display.of_mean(least, whole)
+        # the others are means, which are the less beside the root of squares the more they vary
+        share = float(np.sqrt(squares).mean() / math.sqrt(squares.mean()))
+        return self.display.of_mean(share * least, whole)
+
+
+def _surely(values: np.ndarray) -> float:
+    """Return the mean of values, less three standard errors."""
+    return float(values.mean() - _CERTAIN * values.std() / math.sqrt(len(values)))
 
 
 def _switched_on(plan: EffectPlan, effect: str) -> EffectPlan | None:
