@@ -100,8 +100,8 @@ class Method:
         if measurement.gamut == KEEP and not self.linear:
             able = ", ".join(m.name for m in METHODS.values() if m.linear)
             raise SimrigError(
-                f"{self.name} works with values >= 0, and the measurement keeps colours outside "
-                f"sRGB, whose channels are negative: use {able}, or gamut 'clip'"
+                f"{self.name} works with values >= 0, those of colours outside sRGB are negative: "
+                f"use {able}, or gamut 'clip'"
             )
         found = measurement.plan.name
         if self.any_plan or found == self.plan_name:

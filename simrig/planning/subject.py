@@ -37,6 +37,7 @@ from simrig.planning.survey import MOST_BODIES, Survey, has_points
 from simrig.planning.transport import narrow_lobes, transport
 from simrig.planning.view import GROUPS, View
 from simrig.rendering import render as rendering
+from simrig.rendering.sensors import sensor_of
 
 _FEW_LIGHTS = 8
 
@@ -68,7 +69,7 @@ class SceneSubject:
         with rendering.timed() as clock:
             self.scene = rendering.load(source.build())
         self.loading_seconds = clock.run_seconds
-        rendering.sensor_of(self.scene, source.sensor)
+        sensor_of(self.scene, source.sensor)
         self.view = View(self.scene, source.sensor)
         self.survey = Survey(self.scene)
         self.follows_paths = False

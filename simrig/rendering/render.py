@@ -23,6 +23,7 @@ from simrig.plugins.make import building
 from simrig.rendering.film import film_colours
 from simrig.rendering.pixel_samples import ControlSamples, pixel_directions
 from simrig.rendering.sampled_pass import sampled_pass, takes_colours
+from simrig.rendering.sensors import sensor_of
 
 __all__ = [
     "Clock",
@@ -202,23 +203,6 @@ def render(
         str(mi.variant()),
         film,
     )
-
-
-def sensor_of(scene: Any, number: int) -> Any:
-    """Return a sensor of a loaded scene.
-
-    Raises:
-        SimrigError: there is none of this number.
-    """
-    sensors = scene.sensors()
-    if not sensors:
-        raise SimrigError("the scene has no camera: add a sensor")
-    if not 0 <= number < len(sensors):
-        raise SimrigError(
-            f"the scene has {len(sensors)} sensor{'s' * (len(sensors) > 1)}, numbered from 0: "
-            f"there is no sensor {number}"
-        )
-    return sensors[number]
 
 
 def _pass(
