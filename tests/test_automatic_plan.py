@@ -369,6 +369,8 @@ def test_findings_survive_as_arrays_and_damaged_ones_are_refused():
     with pytest.raises(SimrigError, match="cannot be"):
         findings_of(layout_of(taken, [(60, 3.0)], [Doubt(90, bivariate, 0.0)]))
     assert again.predicted_delta_e == 1.5
+    low, high = again.likely_delta_e
+    assert low < 1.5 < high
     for name, wrong in (("symmetries", np.zeros((1, 2))), ("predicted_delta_e", np.zeros(3))):
         with pytest.raises(SimrigError, match="does not say"):
             findings_of({**layout, name: wrong})

@@ -243,6 +243,28 @@ def test_a_model_predicts_new_directions_and_how_well():
     assert predicted_delta_e(many) < 0.5 * predicted_delta_e(few)
 
 
+def test_grain_of_channels_apart_is_predicted_to_show_more_than_grain_of_all():
+    rng = np.random.default_rng(6)
+    wi, wv = displayed_pairs(500, REACH, REACH, 3)
+    alike, apart = (np.exp(0.1 * rng.normal(size=(500, n))) * np.full(3, 0.1) for n in (1, 3))
+    predicted = [
+        predicted_delta_e(fit_model(Samples(wi, wv, values, REACH, REACH), ISOTROPIC))
+        for values in (alike, apart)
+    ]
+    assert predicted[1] > 1.3 * predicted[0]
+
+
+def test_few_samples_are_not_trusted_to_have_seen_all():
+    wi, wv = displayed_pairs(400, REACH, REACH, 3)
+    values = 0.1 + 1e-4 * np.random.default_rng(7).normal(size=(400, 3))
+    few, many = (
+        predicted_delta_e(fit_model(Samples(wi[:n], wv[:n], values[:n], REACH, REACH), ISOTROPIC))
+        for n in (24, 400)
+    )
+    assert few > 0.2  # all alike so far; yet so few have usually missed something
+    assert many < 0.1
+
+
 def test_a_tabulated_model_is_near_the_model():
     kurt = kurt_material("red_velvet")
     model = fit_model(samples_of(kurt, 300), ISOTROPIC)

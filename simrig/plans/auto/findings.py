@@ -12,6 +12,7 @@ from simrig.core.errors import SimrigError
 
 # each row of the arrays: the number of samples, then what follows
 _SYMMETRIES, _PREDICTIONS, _DOUBTS = "symmetries", "predicted_delta_e", "doubts"
+_MANY = 300  # samples whose prediction is good to a factor of two
 _FLAGS = ("isotropic", "reciprocal", "mirror", "half_turn")
 _COLUMNS = len(_FLAGS) + 3  # a symmetry with its number of samples; of before, without bivariate
 
@@ -54,6 +55,13 @@ class Findings:
     def predicted_delta_e(self) -> float:
         """The mean ΔE that a picture of the reconstruction is expected to have."""
         return self.predictions[-1][1]
+
+    @property
+    def likely_delta_e(self) -> tuple[float, float]:
+        """Between what the ΔE is in nine of ten measurements (see docs/automatic_plan.md)."""
+        samples, predicted = self.predictions[-1]
+        factor = 2.0 if samples >= _MANY else 3.0
+        return predicted / factor, predicted * factor
 
     def why(self, reasons: str = "") -> str:
         """Return in one line which family was measured, and why.
