@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
 
 _MEMORY = 6 << 30  # bytes of address space
@@ -124,7 +125,6 @@ def whole_files(folder: Path) -> dict[str, Path]:
     from simrig.brdf import kurt_material
     from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable
     from simrig.btf.synthetic import bumps
-    from simrig.files.btf.hdf5 import write_btf
     from simrig.files.checkpoint import Checkpoint
     from simrig.files.formats import FORMATS, checked_writer
     from simrig.files.images import write_exr, write_png
@@ -139,7 +139,7 @@ def whole_files(folder: Path) -> dict[str, Path]:
                 write_merl(found[name], IsotropicTable(np.full((*MERL_SHAPE, 3), 0.25)))
             else:
                 checked_writer(name, {})(found[name], material)
-    found["btf"] = write_btf(folder / "btf.h5", bumps((4, 6), (12.0, 4.0)))
+    found["btf"] = _measured_btf(folder / "btf.h5", bumps((4, 6), (12.0, 4.0)))
     picture = np.random.default_rng(0).random((16, 24, 3)).astype(np.float32)
     found["picture exr"], found["picture png"] = folder / "picture.exr", folder / "picture.png"
     write_exr(found["picture exr"], picture)
@@ -158,6 +158,22 @@ def _measurement(path: Path) -> Path:
 
     plan = SlicePlan(SlicePlacement.from_degrees(28.0, 180.0), 300)
     Gonioreflectometer().measure(kurt_material("fabric112"), plan).save(path)
+    return path
+
+
+def _measured_btf(path: Path, stack: BtfStack) -> Path:
+    from simrig.files.btf.hdf5 import BtfLayout
+    from simrig.files.btf.recording import BtfRecording
+
+    layout = BtfLayout.of(
+        stack.angles, stack.resolution, stack.size_mm, stack.name, {}, stack.values.dtype.type
+    )
+    recording = BtfRecording(None, layout)
+    errors = np.full(len(stack), 1e-3)
+    recording.write(0, stack.values, {"standard_error": (errors, "1/sr")})
+    plan = {"name": "directions", "settings": {"title": "bumps"}}
+    cost = {"samples": len(stack), "bytes": stack.nbytes}
+    recording.save(path, {"plan": json.dumps(plan), "cost": json.dumps(cost)})
     return path
 
 
@@ -190,17 +206,17 @@ def readers(kind: str) -> Iterator[Callable[[Path], Any]]:
     from simrig.files.checkpoint import Checkpoint
     from simrig.files.load import load_material
     from simrig.files.pictures import read_picture
+    from simrig.rigs.measurements.measurement import Measurement
 
     if kind.startswith("picture"):
         yield read_picture
     elif kind == "btf":
         yield lambda path: read_btf(path).mean()
         yield read_notes
+        yield Measurement.load
     elif kind == "piece":
         yield lambda path: Checkpoint(path.parent, {}).get(path.stem)
     elif kind == "measurement":
-        from simrig.rigs.measurements.measurement import Measurement
-
         yield Measurement.load
     else:
         yield load_material

@@ -96,9 +96,16 @@ def load_measurement(path: str | Path) -> Measurement:
                 provenance=hdf5.provenance_of(file),
                 gamut=str(file.attrs.get("gamut", CLIP)),
             )
-        except (SimrigError, TypeError, KeyError, ValueError, RecursionError) as error:
-            said = error if isinstance(error, SimrigError) else "its plan or cost is malformed"
-            raise SimrigError(f"'{path}' is damaged: {said}") from error
+        except _DAMAGE as error:
+            raise _damaged(path, error) from error
+
+
+_DAMAGE = (SimrigError, TypeError, KeyError, ValueError, RecursionError)
+
+
+def _damaged(path: str | Path, error: Exception) -> SimrigError:
+    said = error if isinstance(error, SimrigError) else "its plan or cost is malformed"
+    return SimrigError(f"'{path}' is damaged: {said}")
 
 
 def _plan_and_layout(
@@ -140,27 +147,29 @@ class StoredPictures:
 def _of_pictures(path: Path) -> Measurement:
     """Return the measurement of a BTF file; of one that no rig measured the plan is its list."""
     stack = read_btf(path)
-    error = read_notes(path).get("standard_error")
+    values, error = stack.mean().values, read_notes(path).get("standard_error")
     sure = None
     if error is not None and np.isfinite(error).all() and error.min() >= 0.0:
         sure = np.repeat(error[:, None] / math.sqrt(math.prod(stack.resolution)), 3, axis=1)
     cost, plan = Cost(samples=len(stack), bytes=stack.nbytes), None
     with hdf5.open_checked(path, BTF) as file:
-        material = str(file.attrs.get("material", stack.name))
-        if "plan" in file.attrs:
-            cost, stored = Cost(**_json(file, "cost")), _json(file, "plan")
-            plan = restored_plan(stored["name"], stored["settings"], stack.angles)
-    values = stack.mean().values
-    return Measurement(
-        stack.angles,
-        values,
-        material,
-        cost,
-        plan or Directions(stack.angles),
-        sure,
-        pictures=StoredPictures(path),
-        provenance=stack.provenance,
-    )
+        try:
+            material = str(file.attrs.get("material", stack.name))
+            if "plan" in file.attrs:
+                cost, stored = Cost(**_json(file, "cost")), _json(file, "plan")
+                plan = restored_plan(stored["name"], stored["settings"], stack.angles)
+            return Measurement(
+                stack.angles,
+                values,
+                material,
+                cost,
+                plan or Directions(stack.angles),
+                sure,
+                pictures=StoredPictures(path),
+                provenance=stack.provenance,
+            )
+        except _DAMAGE as error_there:
+            raise _damaged(path, error_there) from error_there
 
 
 # --- files of version 0.1, which knew three kinds of measurement ---
