@@ -85,7 +85,7 @@ def verified_render(
             estimate = Estimate(subject.view, plan)
             check = estimate.check(result.image, max(SHARE * result.run_seconds, LEAST_SECONDS))
             spent += check.seconds
-            contradicted = check.least > _may_lack(plan)
+            contradicted = check.least > may_lack(plan)
             cause = estimate.cause() if contradicted and len(switched) + 1 < _RENDERS else ""
             if not cause:
                 return result, _reported(plan, check, contradicted, switched, spent)
@@ -93,7 +93,13 @@ def verified_render(
             plan = _with(subject, plan, switched)
 
 
-def _may_lack(plan: EffectPlan) -> float:
+def checked(view: View, plan: EffectPlan, result: rendering.RenderResult) -> Check:
+    """Return what an independent estimate says of a planned picture, for its share of the time."""
+    seconds = max(SHARE * result.run_seconds, LEAST_SECONDS)
+    return Estimate(view, plan).check(result.image, seconds)
+
+
+def may_lack(plan: EffectPlan) -> float:
     """Return by how much a picture may differ but for its noise, as its plan has it."""
     noise = float(plan.about.get("noise") or 0.0)
     expected = float(plan.about.get("expected_error") or 0.0)
