@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from simrig.core.errors import SimrigError
+from refusals import refused
 from simrig.plans.adaptive import Knots
 from simrig.plans.slices import MIRRORED, OPEN, PERIODIC
 from simrig.reconstruction.slices.along_slices import SliceInterpolator
@@ -96,5 +96,4 @@ def test_one_sample_gives_a_constant(interpolation, ends):
 
 def test_unknown_interpolation_is_refused(rng):
     knots = make_knots(rng, [OPEN], [4], [1.0])
-    with pytest.raises(SimrigError, match="did you mean 'cubic'"):
-        SliceInterpolator(knots, np.ones((4, 3)), "cubik")
+    refused("did you mean 'cubic'", SliceInterpolator, knots, np.ones((4, 3)), "cubik")

@@ -7,6 +7,7 @@ import io
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Brdf, Lambert, evaluate, kurt_material
 from simrig.core.arrays import components, vector
 from simrig.core.errors import SimrigError
@@ -108,8 +109,7 @@ def test_the_exposure_shows_the_brightest_as_white():
     ],
 )
 def test_wrong_grids(thetas, step, message):
-    with pytest.raises(SimrigError, match=message):
-        brdf_picture(Lambert(), thetas, step)
+    refused(message, brdf_picture, Lambert(), thetas, step)
 
 
 def _pixels(png: bytes) -> np.ndarray:

@@ -19,7 +19,6 @@ from simrig.brdf.tables.packed_bfloat16 import RELATIVE_ERROR as BFLOAT16_ERROR
 from simrig.btf.mipmap import Footprint
 from simrig.btf.spatial import SpatialBrdf
 from simrig.core import backend
-from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.files import hdf5
 
@@ -180,9 +179,7 @@ def test_eval_broadcasts_and_returns_float64(name):
 
 @pytest.mark.parametrize("shape", [(), (2,), (3, 2), (4, 3)])
 def test_shapes_that_cannot_be_are_refused(shape):
-    with pytest.raises(SimrigError, match=r"shape|broadcast") as caught:
-        example("lambert").eval(np.ones(shape), np.ones((5, 3)))
-    assert "\n" not in str(caught.value)
+    refused(r"shape|broadcast", example("lambert").eval, np.ones(shape), np.ones((5, 3)))
 
 
 @every_kind

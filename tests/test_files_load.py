@@ -12,7 +12,6 @@ from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import IsotropicTable
 from simrig.brdf.tables.rgl import RglBrdf
 from simrig.btf.synthetic import bumps
-from simrig.core.errors import SimrigError
 from simrig.files import hdf5
 from simrig.files.btf.hdf5 import write_btf
 from simrig.files.load import FORMATS, MATERIALS, file_format, load_material, save_material
@@ -120,9 +119,7 @@ def test_merl_conversion_of_an_anisotropic_material_states_its_error(tmp_path):
 def test_other_files_are_refused_by_what_they_are(tmp_path, content, message):
     path = tmp_path / "file"
     path.write_bytes(content)
-    with pytest.raises(SimrigError, match=message) as caught:
-        load_material(path)
-    assert "\n" not in str(caught.value)
+    refused(message, load_material, path)
 
 
 def test_measurement_is_not_a_material(tmp_path):

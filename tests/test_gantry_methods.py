@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, kurt_material
 from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError
@@ -30,8 +31,7 @@ def test_fewer_samples_than_the_least_are_refused(name):
 
 
 def test_a_gantry_simulates_no_effects_and_takes_no_other_plan():
-    with pytest.raises(SimrigError, match="no effects"):
-        Gantry().measure(Lambert(), tolerance=Tolerance("dE", 0.5))
+    refused("no effects", Gantry().measure, Lambert(), tolerance=Tolerance("dE", 0.5))
     with pytest.raises(SimrigError, match="use plan 'gantry' or another rig"):
         Gantry().measure(Lambert(), SlicePlan.for_material(samples=700))
 

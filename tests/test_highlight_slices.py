@@ -4,10 +4,10 @@ import drjit as dr
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.brdf.slices.highlight_slices import HighlightSlices
 from simrig.core import backend
-from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.files.load import load_material, save_material
 from simrig.methods import METHODS
@@ -188,8 +188,7 @@ def test_values_five_orders_apart_and_all_zero(rng):
     spiked = HighlightSlices(former.layout, **data)
     found = spiked.eval_angles(*pairs(rng, 3000))
     assert np.all(np.isfinite(found)) and found.min() >= 0.0
-    with pytest.raises(SimrigError, match="offset"):
-        HighlightSlices(former.layout, **data, offset=np.zeros(3))
+    refused("offset", HighlightSlices, former.layout, **data, offset=np.zeros(3))
 
 
 def test_gradients_reach_the_slices(satin):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from simrig.core.errors import SimrigError
+from refusals import refused
 from simrig.mesostructure import GROUPS, PRESETS, Part, Tile, build_tile
 from simrig.mesostructure.bsdfs import solid
 from simrig.mesostructure.heightfield import Grid, surface
@@ -239,8 +239,7 @@ _YARN = Yarn((0.5, 0.5, 0.5), 0.4, 0.3)
     ],
 )
 def test_bad_parameters_are_refused(build: Callable[[], object], message: str) -> None:
-    with pytest.raises(SimrigError, match=message):
-        build()
+    refused(message, build)
 
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "mesostructure.md"

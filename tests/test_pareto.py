@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from command_line import done, refusal, simrig
+from refusals import refused
 from simrig.brdf import kurt_material
 from simrig.brdf.tables.resample import resample_dense
-from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.meanings import COSTS
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.evaluation.studies.engine.run import run_study
@@ -180,8 +180,7 @@ def test_the_study_resumes_and_refuses_what_is_too_few(
         r["mre_percent"] for r in found.rows if not r["refused"]
     ]
     assert len(subject_tables(found.summary, "dE")) == 2  # a table and a refusal
-    with pytest.raises(SimrigError, match="configuration samples"):
-        run_study(pareto.STUDY, {**SMALL, "samples": [435]}, tmp_path)
+    refused("configuration samples", run_study, pareto.STUDY, {**SMALL, "samples": [435]}, tmp_path)
 
 
 @pytest.fixture

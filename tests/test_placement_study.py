@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import KURT_MATERIALS, kurt_material
-from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.angular_grid import AngularGrid
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.evaluation.metrics.shared_mre import SharedMre
@@ -84,8 +84,7 @@ def test_shared_estimates_are_unbiased_whatever_the_pilot(measured: Any) -> None
         ]
         off = np.array([(f.percent - exact) / f.standard_error_percent for f in found])
         assert abs(off.mean()) < 3.5 / np.sqrt(len(off)) and 0.4 < off.std() < 1.8
-    with pytest.raises(SimrigError, match="needs 1296 samples"):
-        SharedMre(truth, result, 1000, GRID)
+    refused("needs 1296 samples", SharedMre, truth, result, 1000, GRID)
 
 
 def test_samples_are_shared_out_to_the_last_one() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from planning_scenes import POINT, bound_of, change, simple
 
+from refusals import refused
 from simrig.cli.effect_options import plan_lines
 from simrig.core import backend
 from simrig.core.effects import EffectPlan
@@ -303,10 +304,8 @@ def test_what_cannot_be_done_is_refused() -> None:
 
 
 def test_a_scene_without_camera_or_of_another_kind_is_refused() -> None:
-    with pytest.raises(SimrigError, match="no camera"):
-        plan_scene({"type": "scene", "s": {"type": "sphere"}}, "dE=1")
-    with pytest.raises(SimrigError, match="a scene is"):
-        plan_scene(3, "dE=1")
+    refused("no camera", plan_scene, {"type": "scene", "s": {"type": "sphere"}}, "dE=1")
+    refused("a scene is", plan_scene, 3, "dE=1")
 
 
 def test_scalar_variants_are_not_planned() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from planning_scenes import bound_of, change
 
+from refusals import refused
 from simrig.core import backend
 from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError
@@ -338,5 +339,4 @@ def test_lights_of_another_shape_or_variant_are_refused() -> None:
             rendering.render(map_scene(), 1, 0, lights)
     backend.select("llvm_ad_spectral")
     lights = {"type": "simrig_all_lights", "lights": mi.TensorXf(np.ones((1, 6), np.float32))}
-    with pytest.raises(SimrigError, match="choose an RGB variant"):
-        rendering.render(map_scene(), 1, 0, lights)
+    refused("choose an RGB variant", rendering.render, map_scene(), 1, 0, lights)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf import kurt_material
 from simrig.brdf.protocol import evaluate
-from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.plans.uniform import regular_grid
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
@@ -23,8 +23,7 @@ def test_a_regular_grid_has_at_most_as_many_samples(samples: int) -> None:
 
 
 def test_a_regular_grid_needs_ten_samples() -> None:
-    with pytest.raises(SimrigError, match="at least 10"):
-        regular_grid(9, 1.0)
+    refused("at least 10", regular_grid, 9, 1.0)
 
 
 def test_the_regular_grid_is_exact_at_its_nodes() -> None:

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from refusals import refused
 from simrig.brdf import Kurt, KurtLobe, Ward
 from simrig.brdf.tables.thin_plate import ThinPlateSpline
-from simrig.core.errors import SimrigError
 from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation.stability import gantry, methods, plugins, splines, uniform
 from simrig.evaluation.stability.fuzz import FUZZ_PAIRS, fuzz_cases, unit
@@ -62,8 +62,7 @@ def test_the_whole_suite_is_clean_and_complete(variant_llvm):
 
 
 def test_unknown_backend_is_refused():
-    with pytest.raises(SimrigError, match="did you mean 'cuda_ad_rgb'"):
-        stability_suite("cida")
+    refused("did you mean 'cuda_ad_rgb'", stability_suite, "cida")
 
 
 # methods

@@ -113,9 +113,7 @@ def test_results_of_anything_else_are_refused_and_stay(
     path = tmp_path / CONFIGURATION
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     before = files(tmp_path)
-    with pytest.raises(SimrigError, match=message) as refusal:
-        run_study(squares, {"count": 3}, tmp_path)
-    assert "\n" not in str(refusal.value)
+    refused(message, run_study, squares, {"count": 3}, tmp_path)
     assert files(tmp_path) == before
 
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from refusals import refused
 from simrig.core import backend
 from simrig.core.arrays import gather
-from simrig.core.errors import SimrigError
 from simrig.directions import scheme, to_vector
 from simrig.directions.triangulation import HemisphereTriangulation
 
@@ -102,5 +102,4 @@ def test_single_precision_on_the_device(rng: np.random.Generator) -> None:
     ],
 )
 def test_bad_directions_are_refused(nodes: np.ndarray, message: str) -> None:
-    with pytest.raises(SimrigError, match=message):
-        HemisphereTriangulation(nodes)
+    refused(message, HemisphereTriangulation, nodes)

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from refusals import refused
 from simrig.brdf.tables.packed_bfloat16 import RELATIVE_ERROR
 from simrig.btf.factored import FactoredBtf
 from simrig.btf.full import FullBtf
@@ -159,8 +160,7 @@ def test_the_angle_of_a_pixel_comes_from_the_sensor(variant_llvm) -> None:
     sensor = mi.load_dict({"type": "perspective", "fov": 60.0, "fov_axis": "x", "film": film})
     half = np.tan(np.radians(30.0))
     assert pixel_angle_deg(sensor) == pytest.approx(np.degrees(2.0 * half / 200), rel=1e-5)
-    with pytest.raises(SimrigError, match="give 'pixel_width' in mm"):
-        pixel_angle_deg(mi.load_dict({"type": "orthographic"}))
+    refused("give 'pixel_width' in mm", pixel_angle_deg, mi.load_dict({"type": "orthographic"}))
 
 
 def test_less_alias_with_distance(btf, variant_llvm) -> None:

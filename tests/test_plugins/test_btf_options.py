@@ -7,10 +7,10 @@ from typing import Any
 import mitsuba as mi
 import pytest
 
+from refusals import refused
 from simrig.btf.factored import FactoredBtf
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
-from simrig.core.errors import SimrigError
 from simrig.files.btf.hdf5 import write_btf
 from simrig.files.hdf5 import write_brdf
 from simrig.plugins import btf as plugin
@@ -54,8 +54,7 @@ def loaded(path: Path, **options: Any) -> Any:
 def test_an_option_that_does_nothing_is_refused_and_a_budget_kept(
     files: dict[str, Path], file: str, options: dict, said: str, variant_llvm: Any
 ) -> None:
-    with pytest.raises(SimrigError, match=said):
-        loaded(files[file], **options)
+    refused(said, loaded, files[file], **options)
 
 
 def test_options_are_used(files: dict[str, Path], variant_llvm: Any) -> None:
