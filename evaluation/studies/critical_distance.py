@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core.tables import named_rows, record_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.mesostructure import PRESETS as MATERIALS
 from simrig.mesostructure import build_tile
@@ -60,10 +60,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
-
-def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material."""
-    return [{"material": name} for name in config["materials"]]
+cells = one_per(material="materials")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:

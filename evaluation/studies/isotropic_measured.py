@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
 from simrig.evaluation.studies.gantry.trials import (
     Picture,
@@ -65,12 +65,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
-
-def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per file and method."""
-    return [
-        {"file": name, "method": method} for name in config["files"] for method in config["methods"]
-    ]
+cells = one_per(file="files", method="methods")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:

@@ -34,7 +34,7 @@ from simrig.evaluation.benchmarks.timing import rendering, side_by_side
 from simrig.evaluation.metrics.images import delta_e_map, image_errors
 from simrig.evaluation.studies.btf_against_structure.far import far_rows
 from simrig.evaluation.studies.btf_against_structure.shown import plots, table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.pictures import picture_row
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.files.images import to_srgb8
@@ -111,10 +111,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
-
-def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material."""
-    return [{"material": name} for name in config["materials"]]
+cells = one_per(material="materials")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:

@@ -35,7 +35,7 @@ from simrig.directions.schemes import HemisphereScheme, hemisphere_81
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics.images import difference_image, foreground_mask, image_errors
 from simrig.evaluation.studies.btf_slices.shown import ALL, ERRORS, plots, summarise, table
-from simrig.evaluation.studies.engine.base import Cell, Config, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Study, one_per
 from simrig.evaluation.studies.engine.pictures import picture_row
 from simrig.evaluation.studies.engine.rows import means
 from simrig.files.images import to_srgb8
@@ -91,10 +91,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
-
-def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material."""
-    return [{"material": name} for name in config["materials"]]
+cells = one_per(material="materials")
 
 
 def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[str, Any]]:

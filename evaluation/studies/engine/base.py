@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -58,3 +59,17 @@ class Study:
     table: Callable[[Mapping[str, Plain]], Any]
     plots: Callable[[Mapping[str, Plain], Sequence[Row], Path], list[Path]]
     keeps: bool = False
+
+
+def one_per(**keys: str) -> Callable[[Config], list[dict[str, Plain]]]:
+    """Return the ``cells`` of a study with one for each combination; the last key varies fastest.
+
+    Args:
+        keys: the key of a cell, and where the configuration lists its values.
+    """
+
+    def cells(config: Config) -> list[dict[str, Plain]]:
+        values = product(*(config[name] for name in keys.values()))
+        return [dict(zip(keys, each, strict=True)) for each in values]
+
+    return cells

@@ -23,7 +23,7 @@ from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import where
 from simrig.evaluation.studies.gantry.trials import (
     ERRORS,
@@ -69,13 +69,7 @@ def thirteen() -> HemisphereScheme:
     )
 
 
-def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material and method."""
-    return [
-        {"material": name, "method": method}
-        for name in config["materials"]
-        for method in config["methods"]
-    ]
+cells = one_per(material="materials", method="methods")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:

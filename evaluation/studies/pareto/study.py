@@ -27,7 +27,7 @@ from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.pointwise import LOG_ERROR_FLOOR
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.pareto.choice import summarise_rows
 from simrig.evaluation.studies.pareto.shown import plots, table
 from simrig.files.load import load_material
@@ -119,14 +119,7 @@ def configuration(
     }
 
 
-def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material, method and wished number of samples."""
-    return [
-        {"material": material, "method": name, "wished": wished}
-        for material in config["materials"]
-        for name in config["methods"]
-        for wished in config["samples"]
-    ]
+cells = one_per(material="materials", method="methods", wished="samples")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:

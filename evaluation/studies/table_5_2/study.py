@@ -32,7 +32,7 @@ import numpy as np
 from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation.metrics.mre import mre_estimate
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.evaluation.studies.material_sets import material_sets
 from simrig.evaluation.studies.table_5_2.shown import plots, table
@@ -68,10 +68,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
-
-def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material and scheme."""
-    return [{"material": m, "scheme": s} for m in config["materials"] for s in config["schemes"]]
+cells = one_per(material="materials", scheme="schemes")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
