@@ -70,9 +70,7 @@ class _Quadrature:
 
 
 def fit_mixture(
-    brdf: Brdf,
-    data: Mapping[str, np.ndarray] | None = None,
-    start: Mixture | None = None,
+    brdf: Brdf, data: Mapping[str, np.ndarray] | None = None, start: Mixture | None = None
 ) -> Mixture:
     """Fit the sampling mixture to a BRDF (well under a second).
 

@@ -14,11 +14,7 @@ from simrig.plugins.btf import define_btf
 from simrig.plugins.lod import define_lod
 from simrig.plugins.named import PLUGINS
 
-DOCUMENTED: Mapping[str, Callable] = {
-    **PLUGINS,
-    "simrig_btf": define_btf,
-    "simrig_lod": define_lod,
-}
+DOCUMENTED: Mapping[str, Callable] = {**PLUGINS, "simrig_btf": define_btf, "simrig_lod": define_lod}
 
 BEGIN = "<!-- begin: made by python -m simrig.plugins.manual docs/plugins.md -->"
 END = "<!-- end -->"

@@ -45,10 +45,7 @@ _WHITE_AT = 3_300.0  # mm from a lamp a white diffuser that faces it has radianc
 
 
 def room(
-    bsdf: Any,
-    resolution: int = 1920,
-    shadows: bool = True,
-    pixel_centres: bool = False,
+    bsdf: Any, resolution: int = 1920, shadows: bool = True, pixel_centres: bool = False
 ) -> dict:
     """Return the room of chairs under two point lights (Fig. 3.18).
 

@@ -217,11 +217,7 @@ def instances() -> dict:
         for index in range(4)
     }
     roof = transform().translate([0.0, 0.5, 3.0]) @ transform().scale(5.0)
-    things["roof"] = {
-        "type": "instance",
-        "to_world": roof,
-        "pair": {"type": "ref", "id": "group"},
-    }
+    things["roof"] = {"type": "instance", "to_world": roof, "pair": {"type": "ref", "id": "group"}}
     return _over_a_floor(group=group, lamp=_lamp((-3.0, 0.0, 5.0), 0.5, 30.0), **things)
 
 

@@ -163,10 +163,7 @@ def test_samples_lie_where_the_picture_has_their_value(measurement):
     np.testing.assert_allclose(value, measurement.values[inside], rtol=1e-6)
     # a sample between two polar angles lies between their tiles
     between = (columns - wrap_angle(measurement.phi_v) / (2.0 * np.pi))[~inside]
-    lower, upper = (
-        thetas[np.floor(between).astype(int)],
-        thetas[np.ceil(between).astype(int)],
-    )
+    lower, upper = (thetas[np.floor(between).astype(int)], thetas[np.ceil(between).astype(int)])
     theta_v = measurement.theta_v[~inside]
     assert ((lower < theta_v) & (theta_v < upper)).all()
 

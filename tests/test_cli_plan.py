@@ -213,8 +213,7 @@ BROKEN = {
     ),
     "a missing mesh": (
         SCENE.replace(
-            "<emitter",
-            '<shape type="ply"><string name="filename" value="no.ply"/></shape><emitter',
+            "<emitter", '<shape type="ply"><string name="filename" value="no.ply"/></shape><emitter'
         ),
         "no.ply",
     ),

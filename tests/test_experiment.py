@@ -94,13 +94,7 @@ def test_every_key_of_the_results_is_documented(finished: tuple) -> None:
     documented = set(re.findall(r"`(\w+)`", page))
     results = finished[1]
     record = results["reconstructions"][0]
-    keys = {
-        *results,
-        *record,
-        *record["total"],
-        *record["cost"]["sampling"],
-        *record["brdf"],
-    }
+    keys = {*results, *record, *record["total"], *record["cost"]["sampling"], *record["brdf"]}
     keys |= {*results["material"], *results["scenes"]["sphere"], *record["scenes"]["sphere"]}
     keys |= {*results["accuracy_versus_cost"][0]}
     assert keys <= documented

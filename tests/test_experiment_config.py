@@ -72,10 +72,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "samples twice": ('material = "wood01"\n[measurement]\nsamples = [9, 9]', "twice"),
     "out of range": ('material = "wood01"\n[measurement]\nk = 1.5', "'k' .* from 0 to 1, got 1.5"),
     "not finite": ('material = "wood01"\n[rendering]\nexposure = nan', "'exposure'"),
-    "one step only": (
-        'material = "wood01"\n[measurement]\ntheta_step_deg = 10',
-        "give both",
-    ),
+    "one step only": ('material = "wood01"\n[measurement]\ntheta_step_deg = 10', "give both"),
     "no iterations": ('material = "wood01"\n[measurement]\np_1 = 0\np_2 = 0', "at least 1"),
     "unknown choice": (
         'material = "wood01"\n[reconstruction]\ninterpolation = "cubik"',

@@ -261,14 +261,8 @@ def spoil(fields: dict, name: str, value: float) -> None:
     [
         (lambda f: f.pop("vndf"), "lacks vndf"),
         (lambda f: f.pop("rgb"), "lacks rgb"),
-        (
-            lambda f: spoil(f, "vndf", np.nan),
-            "'vndf' .* values that are not finite",
-        ),
-        (
-            lambda f: spoil(f, "rgb", np.inf),
-            "'rgb' .* values that are not finite",
-        ),
+        (lambda f: spoil(f, "vndf", np.nan), "'vndf' .* values that are not finite"),
+        (lambda f: spoil(f, "rgb", np.inf), "'rgb' .* values that are not finite"),
         (lambda f: spoil(f, "ndf", -1.0), "negative values"),
         (lambda f: f.update(theta_i=f["theta_i"][::-1]), "must increase"),
         (lambda f: f.update(theta_i=f["theta_i"][:-1]), "do not fit"),

@@ -114,8 +114,7 @@ def test_it_is_section_5_3_for_an_isotropic_material(thetas, step):
 
 
 @pytest.mark.parametrize(
-    ("thetas", "step"),
-    [((15, 60), 360), ((30, 75), 360), ((30, 75), 180), ((45, 75), 180)],
+    ("thetas", "step"), [((15, 60), 360), ((30, 75), 360), ((30, 75), 180), ((45, 75), 180)]
 )
 def test_an_anisotropic_ward_highlight_comes_out_better_than_by_section_5_3(thetas, step):
     material = Ward((0.05, 0.05, 0.05), (0.3, 0.3, 0.3), 0.2, 0.8)

@@ -15,11 +15,7 @@ from simrig.brdf import Lambert, kurt_material
 from simrig.core.colour import to_lab
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics import images as metrics
-from simrig.evaluation.metrics.comparison import (
-    compare_brdfs,
-    compare_images,
-    metric_table,
-)
+from simrig.evaluation.metrics.comparison import compare_brdfs, compare_images, metric_table
 from simrig.evaluation.metrics.meanings import IMAGE_METRICS
 from simrig.files.images import encode_srgb, to_srgb8
 

@@ -51,12 +51,7 @@ def rows(errors: dict[str, dict[tuple[float, float], dict[int, float]]]) -> list
 
 SPARSE, FINE = (28.0, 180.0), (20.0, 60.0)
 # err is a power of n, so it is linear in the logarithms: the curves cross at n = 1,000 exactly
-CROSSING = {
-    "wood01": {
-        SPARSE: {100: 10.0, 10_000: 10.0},
-        FINE: {100: 100.0, 10_000: 1.0},
-    }
-}
+CROSSING = {"wood01": {SPARSE: {100: 10.0, 10_000: 10.0}, FINE: {100: 100.0, 10_000: 1.0}}}
 
 
 def test_shared_estimates_agree_with_the_exact_error(measured: Any) -> None:

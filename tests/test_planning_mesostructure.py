@@ -150,10 +150,7 @@ def test_structure_is_found_where_it_is_nested() -> None:
         floor(
             {"type": "twosided", "inner": btf()},
             ball={"type": "sphere", "bsdf": material().switched(900.0, scale=500.0)},
-            group={
-                "type": "shapegroup",
-                "tile": {"type": "rectangle", "bsdf": btf(20.0)},
-            },
+            group={"type": "shapegroup", "tile": {"type": "rectangle", "bsdf": btf(20.0)}},
             moved={"type": "instance", "shapegroup": {"type": "ref", "id": "group"}},
         )
     )

@@ -240,9 +240,7 @@ def test_compilation_is_told_from_running(monkeypatch: pytest.MonkeyPatch) -> No
     assert not dr.flag(dr.JitFlag.KernelHistory), "the flag must be left as it was"
 
 
-def test_passes_and_samples_per_pixel_share_their_kernels(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_passes_and_samples_per_pixel_share_their_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the first picture compiles; powers of two from 4 on need nothing new."""
     kernels: list[dict] = []
     read = dr.kernel_history

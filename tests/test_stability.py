@@ -11,12 +11,7 @@ from refusals import refused
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.core.arrays import components, namespace
 from simrig.directions import to_angles
-from simrig.evaluation.stability.hard_cases import (
-    BRDF_VALUES,
-    case_names,
-    hard_case,
-    hard_cases,
-)
+from simrig.evaluation.stability.hard_cases import BRDF_VALUES, case_names, hard_case, hard_cases
 from simrig.evaluation.stability.judgement import PRECISIONS
 from simrig.evaluation.stability.rows import stability_data, stability_markdown, stability_summary
 from simrig.evaluation.stability.subjects import default_brdfs

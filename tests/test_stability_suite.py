@@ -288,10 +288,7 @@ def test_unit_takes_the_smallest_denormals():
     tiny = np.nextafter(0.0, 1.0)
     assert np.allclose(
         unit(np.array([[tiny, tiny, 0.0], [0.0, 0.0, tiny]])),
-        [
-            [np.sqrt(0.5), np.sqrt(0.5), 0.0],
-            [0.0, 0.0, 1.0],
-        ],
+        [[np.sqrt(0.5), np.sqrt(0.5), 0.0], [0.0, 0.0, 1.0]],
     )
 
 

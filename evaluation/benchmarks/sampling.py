@@ -59,11 +59,7 @@ def run(
         "hardware_hours": rig.timing.seconds(samples, adaptive=True) / 3600.0,
         "rounds": rounds,
         "rows": [
-            {
-                "method": name,
-                **timing.as_dict(),
-                "ratio_to_simrig": timing.median / fastest,
-            }
+            {"method": name, **timing.as_dict(), "ratio_to_simrig": timing.median / fastest}
             for name, timing in timings.items()
         ],
     }

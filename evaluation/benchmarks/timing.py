@@ -56,9 +56,7 @@ class Timing:
 
 
 def side_by_side(
-    jobs: Mapping[str, Callable[[], Any]],
-    rounds: int = 5,
-    progress: Progress | None = None,
+    jobs: Mapping[str, Callable[[], Any]], rounds: int = 5, progress: Progress | None = None
 ) -> dict[str, Timing]:
     """Time jobs in turn, A B C A B C ..., so that a drifting machine slows all alike.
 

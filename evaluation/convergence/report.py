@@ -15,13 +15,7 @@ from matplotlib.axes import Axes
 from simrig.core.tables import record_table
 from simrig.evaluation.convergence.results import Convergence, Point
 from simrig.files.atomic import atomic_write
-from simrig.viewing.plots import (
-    finish_figure,
-    line_style,
-    new_figure,
-    pareto_front,
-    plain_ticks,
-)
+from simrig.viewing.plots import finish_figure, line_style, new_figure, pareto_front, plain_ticks
 
 _NO_RATES = "too few numbers of samples to fit how fast the noise falls: raise --budget-seconds"
 _METHOD = {"integrator": "{integrator}", "sampler": "{sampler}"}

@@ -52,11 +52,7 @@ def comparison_grid(settings: ComparisonSettings, theta_max_deg: float) -> Angul
 
 
 def brdf_errors(
-    truth: Brdf,
-    other: Brdf,
-    grid: AngularGrid,
-    settings: ComparisonSettings,
-    seed: int,
+    truth: Brdf, other: Brdf, grid: AngularGrid, settings: ComparisonSettings, seed: int
 ) -> dict[str, Any]:
     """Return the errors of a BRDF over all angles, and what it cost to find them.
 

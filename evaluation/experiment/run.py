@@ -12,11 +12,7 @@ from simrig.core import backend
 from simrig.evaluation.experiment.checkpoint import Parts, Progress, Steps
 from simrig.evaluation.experiment.config import Experiment, SceneSettings, demo_experiment
 from simrig.evaluation.experiment.plans import check_plans
-from simrig.evaluation.experiment.reconstructions import (
-    MeasurementRunner,
-    Subject,
-    make_plans,
-)
+from simrig.evaluation.experiment.reconstructions import MeasurementRunner, Subject, make_plans
 from simrig.evaluation.experiment.results import (
     FORMAT,
     FORMAT_VERSION,

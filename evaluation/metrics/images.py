@@ -95,10 +95,7 @@ def delta_e_map(
 
 
 def mse(
-    reference: np.ndarray,
-    image: np.ndarray,
-    mask: np.ndarray | None = None,
-    exposure: float = 1.0,
+    reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None = None, exposure: float = 1.0
 ) -> float:
     """Return the mean squared error of the displayed images on the scale [0, 255]²."""
     first, second, mask = check_pair(reference, image, mask)
@@ -158,10 +155,7 @@ def ssim_mean(similarity: np.ndarray, mask: np.ndarray) -> float:
 
 
 def image_errors(
-    reference: np.ndarray,
-    image: np.ndarray,
-    exposure: float = 1.0,
-    mask: np.ndarray | None = None,
+    reference: np.ndarray, image: np.ndarray, exposure: float = 1.0, mask: np.ndarray | None = None
 ) -> dict[str, float]:
     """Return ``delta_e`` (CIE 1976), ``rmse``, ``psnr`` in dB and ``ssim``, as the thesis compares.
 
@@ -183,10 +177,7 @@ def image_errors(
 
 
 def log_psnr(
-    reference: np.ndarray,
-    values: np.ndarray,
-    peak: float = LOG_PEAK,
-    floor: float = LOG_FLOOR,
+    reference: np.ndarray, values: np.ndarray, peak: float = LOG_PEAK, floor: float = LOG_FLOOR
 ) -> float:
     """Return the logarithmic PSNR of two arrays of any shape, in dB; higher is better.
 

@@ -19,11 +19,7 @@ from simrig.core.arrays import aligned, vector_type
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics.angular_grid import AngularGrid
-from simrig.evaluation.metrics.mre import (
-    RelativeError,
-    estimated_error,
-    mre_exact,
-)
+from simrig.evaluation.metrics.mre import RelativeError, estimated_error, mre_exact
 from simrig.evaluation.metrics.strata import MOST_SECTORS, Strata, allocate, stratified_means
 
 _PILOT = 16  # samples per stratum; taken once per truth, so there may be many

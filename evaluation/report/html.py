@@ -12,12 +12,7 @@ import jinja2
 import markupsafe
 
 from simrig.brdf.protocol import Brdf
-from simrig.evaluation.experiment.reconstructions import (
-    AUTOMATIC,
-    LABELS,
-    SLICE_METHODS,
-    Subject,
-)
+from simrig.evaluation.experiment.reconstructions import AUTOMATIC, LABELS, SLICE_METHODS, Subject
 from simrig.evaluation.report.pictures import (
     brdf_pictures,
     cost_plots,

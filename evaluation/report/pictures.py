@@ -58,10 +58,7 @@ def directions_picture(measurement: Measurement) -> dict[str, Any]:
 
 
 def brdf_pictures(
-    truth: Brdf,
-    others: Mapping[str, Brdf],
-    theta_max_deg: float,
-    difference_scale: float,
+    truth: Brdf, others: Mapping[str, Brdf], theta_max_deg: float, difference_scale: float
 ) -> dict[str, Any]:
     """Return the BRDF pictures of the truth and of others by their keys, with differences.
 

@@ -50,11 +50,7 @@ def _scattered() -> Iterator[ScatteredSamples]:
     for distance in (1e-4, 1e-8, 1e-12):
         beside = np.concatenate([theta_v, np.abs(theta_v - distance)])
         yield make(
-            f"duplicates {distance:g} rad apart",
-            repeated(theta_i),
-            beside,
-            repeated(phi_v),
-            others,
+            f"duplicates {distance:g} rad apart", repeated(theta_i), beside, repeated(phi_v), others
         )
     for distance in (1e-4, 1e-8, 1e-12, 0.0):
         along = np.abs(theta_i + distance * rng.standard_normal(_COUNT))

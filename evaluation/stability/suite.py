@@ -32,9 +32,7 @@ Progress = Callable[[int, int], None]  # objects done, objects in total
 
 
 def stability_suite(
-    backend_name: str = "auto",
-    progress: Progress | None = None,
-    seed: int = 0,
+    backend_name: str = "auto", progress: Progress | None = None, seed: int = 0
 ) -> list[StabilityRow]:
     """Return the whole table: parameterisations, BRDFs, plugins and methods.
 

@@ -16,12 +16,7 @@ from typing import Any
 
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
-from simrig.evaluation.studies.gantry.trials import (
-    Picture,
-    error_table,
-    gantry_trial,
-    method_means,
-)
+from simrig.evaluation.studies.gantry.trials import Picture, error_table, gantry_trial, method_means
 from simrig.files.load import load_material
 from simrig.plans.gantry import GantryPlan
 from simrig.viewing.plots import COLOURS, drawn_panel

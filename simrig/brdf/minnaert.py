@@ -30,10 +30,7 @@ class Minnaert(Brdf):
     kind = "minnaert"
 
     def __init__(
-        self,
-        k: Sequence[float] = (0.2, 0.2, 0.2),
-        exponent: float = 1.0,
-        name: str = "minnaert",
+        self, k: Sequence[float] = (0.2, 0.2, 0.2), exponent: float = 1.0, name: str = "minnaert"
     ):
         self.k = read_only(k, np.float64)
         if self.k.shape != (3,) or not np.all(np.isfinite(self.k)) or self.k.min() < 0.0:

@@ -16,14 +16,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.tables.packed import Colours, colour_table
-from simrig.brdf.tables.packed_bfloat16 import (
-    EIGHT,
-    Eights,
-    eight_of,
-    eights,
-    inner,
-    joined,
-)
+from simrig.brdf.tables.packed_bfloat16 import EIGHT, Eights, eight_of, eights, inner, joined
 from simrig.btf.factors import factorise
 from simrig.btf.full import BUDGET_BYTES
 from simrig.btf.grid import PairGrid
@@ -243,11 +236,7 @@ class FactoredBtf(SpatialBrdf):
     def average_over_tile(self, context: _Places, tables: _FactorTables, like: Array) -> Array:
         return self._over_pairs(context, lambda pair, _: tables.mean.read(pair))
 
-    def _over_pairs(
-        self,
-        context: _Places,
-        read: Callable[[Array, int], Array],
-    ) -> Array:
+    def _over_pairs(self, context: _Places, read: Callable[[Array, int], Array]) -> Array:
         """Return the blend of what is read of the nine pairs, by number and corner of the view."""
         light, view = context
         total: Array = None

@@ -36,10 +36,7 @@ from simrig.cli.declared import declaring
 Commands = dict[str, Callable[..., frame.Report]]
 
 app = typer.Typer(
-    name="simrig",
-    cls=frame.OneLineErrors,
-    add_completion=False,
-    pretty_exceptions_enable=False,
+    name="simrig", cls=frame.OneLineErrors, add_completion=False, pretty_exceptions_enable=False
 )
 
 

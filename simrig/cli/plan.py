@@ -9,14 +9,7 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.options import Exposure, Variant, check_exposure
-from simrig.cli.scene_argument import (
-    Define,
-    Material,
-    Resolution,
-    Scale,
-    Sensor,
-    named_scene,
-)
+from simrig.cli.scene_argument import Define, Material, Resolution, Scale, Sensor, named_scene
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:

@@ -26,8 +26,7 @@ def reconstruct(
     measurement: Annotated[Path, typer.Argument(help="A measurement written by 'measure'.")],
     output: Brdf,
     method: Annotated[
-        str | None,
-        typer.Option(help="By what was measured else: slices, barycentric or gantry-b."),
+        str | None, typer.Option(help="By what was measured else: slices, barycentric or gantry-b.")
     ] = None,
     format: Format = None,
     overwrite: Overwrite = False,

@@ -40,12 +40,7 @@ with _native_messages_muted():
     import drjit as dr
 
 OLDEST_LLVM = 16
-VARIANTS = (
-    "llvm_ad_rgb",
-    "cuda_ad_rgb",
-    "llvm_ad_spectral",
-    "cuda_ad_spectral",
-)
+VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb", "llvm_ad_spectral", "cuda_ad_spectral")
 _LLVM_PATH = "DRJIT_LIBLLVM_PATH"
 _OPTIX_PATH = "DRJIT_LIBOPTIX_PATH"
 _LLVM_CURE = f"install it with 'apt-get install libllvm19' (Debian) or point {_LLVM_PATH} to it"

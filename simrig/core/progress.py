@@ -10,9 +10,7 @@ Item = TypeVar("Item")
 
 
 def tracked(
-    items: Collection[Item],
-    progress: Progress | None,
-    name: Callable[[Item], str] | None = None,
+    items: Collection[Item], progress: Progress | None, name: Callable[[Item], str] | None = None
 ) -> Iterator[Item]:
     """Yield items, and say before each, and after the last, how many are done.
 

@@ -55,10 +55,7 @@ def text_table(
 
 
 def record_table(
-    title: str,
-    columns: Mapping[str, Column],
-    rows: Iterable[Mapping[str, Any]],
-    **settings: Any,
+    title: str, columns: Mapping[str, Column], rows: Iterable[Mapping[str, Any]], **settings: Any
 ) -> Any:
     """Return a rich table of rows that have names for their values.
 

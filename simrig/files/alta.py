@@ -229,10 +229,7 @@ def _samples(path: Path, content: _Content) -> ScatteredSamples:
     angles = [
         angle
         for d in (content.light, content.view)
-        for angle in (
-            np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]),
-            np.arctan2(d[:, 1], d[:, 0]),
-        )
+        for angle in (np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]), np.arctan2(d[:, 1], d[:, 0]))
     ]
     theta_i, phi_i, theta_v, phi_v = angles
     return ScatteredSamples(

@@ -26,12 +26,7 @@ _SPP = 64  # where nothing is planned
 
 
 def scene(
-    name: str,
-    material: Any,
-    *,
-    rotation: float = 0.0,
-    scale: float | None = None,
-    **settings: Any,
+    name: str, material: Any, *, rotation: float = 0.0, scale: float | None = None, **settings: Any
 ) -> dict[str, Any]:
     """Return a scene with a material on it, as a dictionary for ``mi.load_dict``.
 
@@ -134,12 +129,7 @@ def plan(
 
     backend.current()
     return plan_scene(
-        scene,
-        tolerance,
-        enable=enable,
-        disable=disable,
-        everything=everything,
-        exposure=exposure,
+        scene, tolerance, enable=enable, disable=disable, everything=everything, exposure=exposure
     )
 
 

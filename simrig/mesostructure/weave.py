@@ -114,12 +114,7 @@ class Weave:
         return warp, weft, floor
 
     def _yarns(
-        self,
-        axis: int,
-        on_top: np.ndarray,
-        steps: int,
-        amplitude: float,
-        rng: np.random.Generator,
+        self, axis: int, on_top: np.ndarray, steps: int, amplitude: float, rng: np.random.Generator
     ) -> Part:
         """Return the yarns along ``axis``; on_top: (yarns, crossings)."""
         count = len(on_top)

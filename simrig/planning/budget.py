@@ -60,11 +60,7 @@ def plan_budget(
     loading = planned_subject(scene, overrides, variant, exposure, sensor)
     with loading as subject, rendering.timed() as clock:
         plan = _best(subject, seconds, tolerance, overrides)
-    about = {
-        **plan.about,
-        "budget_s": seconds,
-        **planning_times(subject, clock),
-    }
+    about = {**plan.about, "budget_s": seconds, **planning_times(subject, clock)}
     return replace(plan, about=about)
 
 

@@ -68,10 +68,7 @@ class PathProbe:
         count = self.halves.shape[1]
         each = self.paths // count
         reflections = len(self._bounces) if depth < 0 else depth - 1
-        total = sum(
-            self._bounces[:reflections],
-            mi.Color3f(0.0),
-        )
+        total = sum(self._bounces[:reflections], mi.Color3f(0.0))
         return rows(total).reshape(count, each, 3)
 
 

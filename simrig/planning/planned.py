@@ -16,10 +16,7 @@ from simrig.rendering import render as rendering
 
 
 def planned_render(
-    scene: Any,
-    plan: EffectPlan,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    scene: Any, plan: EffectPlan, seed: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> rendering.RenderResult:
     """Render a scene with what its plan switched on.
 

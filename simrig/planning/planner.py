@@ -186,10 +186,7 @@ def _noise_share(sampled: SampledSubject, tolerance: Tolerance, missing: float) 
 
 
 def _standing_doubts(
-    subject: SceneSubject,
-    decisions: tuple[Decision, ...],
-    allowed: Tolerance,
-    overrides: Overrides,
+    subject: SceneSubject, decisions: tuple[Decision, ...], allowed: Tolerance, overrides: Overrides
 ) -> tuple[Doubt, ...]:
     """Return the doubts about a scene; none where every bound of it is a certain zero."""
     sure = all(d.bound is not None and d.bound.value == 0.0 for d in decisions[:2])
@@ -271,10 +268,7 @@ def _costed(decision: Decision, spp: int) -> Decision:
 
 
 def _depth(
-    subject: SceneSubject,
-    allowed: Tolerance,
-    decisions: tuple[Decision, ...],
-    overrides: Overrides,
+    subject: SceneSubject, allowed: Tolerance, decisions: tuple[Decision, ...], overrides: Overrides
 ) -> tuple[int, float]:
     """Return the path depth, and what the orders beyond it may change.
 

@@ -61,9 +61,7 @@ class SceneSubject:
     """
 
     def __init__(
-        self,
-        source: SceneSource,
-        exposure: float | Callable[[np.ndarray], float] | None = None,
+        self, source: SceneSource, exposure: float | Callable[[np.ndarray], float] | None = None
     ) -> None:
         self.source = source
         with rendering.timed() as clock:

@@ -58,10 +58,7 @@ class Check:
 
 
 def verified_render(
-    scene: Any,
-    plan: EffectPlan,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    scene: Any, plan: EffectPlan, seed: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[rendering.RenderResult, EffectPlan]:
     """Render a scene by its plan, check the picture, and mend the plan where it is contradicted.
 

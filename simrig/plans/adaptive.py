@@ -158,10 +158,7 @@ def _iteration_sizes(extra: int, k: float, p_1: int, p_2: int) -> list[int]:
 
 
 def sample_adaptively(
-    measure: Measure,
-    placement: SlicePlacement | SubspacePlacement,
-    samples: int,
-    **settings: Any,
+    measure: Measure, placement: SlicePlacement | SubspacePlacement, samples: int, **settings: Any
 ) -> list[AdaptiveSamples]:
     """Measure ``samples`` direction pairs per material along the slices of a placement.
 

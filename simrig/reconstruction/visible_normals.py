@@ -90,11 +90,7 @@ def _even_in_reflectance(known: np.ndarray, grids: Grids) -> bool:
 
 
 def _with_more_nodes(
-    known: np.ndarray,
-    grids: Grids,
-    plan: VisibleNormalsPlan,
-    sizes: TableSizes,
-    retro: np.ndarray,
+    known: np.ndarray, grids: Grids, plan: VisibleNormalsPlan, sizes: TableSizes, retro: np.ndarray
 ) -> tuple[Grids, np.ndarray]:
     """Return finer grids and what is stored there: f_r between views, f_r · 4 σ / D in each.
 

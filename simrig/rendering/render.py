@@ -195,13 +195,7 @@ def render(
         image = np.asarray(total if len(passes) > 1 else colours, dtype=np.float32)
     _check_finite(image)
     return RenderResult(
-        image,
-        clock.compile_seconds,
-        clock.run_seconds,
-        int(spp),
-        name,
-        str(mi.variant()),
-        film,
+        image, clock.compile_seconds, clock.run_seconds, int(spp), name, str(mi.variant()), film
     )
 
 

@@ -39,10 +39,7 @@ def scene():
             "type": "scene",
             "integrator": {"type": "direct"},
             "light": {"type": "constant"},
-            "sensor": {
-                "type": "perspective",
-                "film": {"type": "hdrfilm", "width": 4, "height": 4},
-            },
+            "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 4, "height": 4}},
             "ball": {
                 "type": "sphere",
                 "center": [0, 0, 5],

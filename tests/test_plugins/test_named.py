@@ -113,12 +113,7 @@ def test_files_are_found_beside_the_scene(tools, variant_llvm, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "rgl/chm_orange_rgb.bsdf",
-        "cornell/cayman.brdf",
-        "ubo2014/carpet07_mean_151x151.npz",
-    ],
+    "name", ["rgl/chm_orange_rgb.bsdf", "cornell/cayman.brdf", "ubo2014/carpet07_mean_151x151.npz"]
 )
 def test_measured_files(name, shared_data, tools, variant_llvm, rng):
     bsdf = mi.load_dict({"type": "simrig_table", "filename": str(shared_data(name))})

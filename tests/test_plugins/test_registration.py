@@ -58,11 +58,7 @@ def python(code: str, library: Path | None = None) -> subprocess.CompletedProces
     if library is not None:
         environment["DRJIT_LIBLLVM_PATH"] = str(library)
     return subprocess.run(
-        [sys.executable, "-c", code],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120
     )
 
 

@@ -59,11 +59,7 @@ def run(
     shape, towards = (resolution, resolution), listed.vectors()
     steepest = float(np.degrees(listed.theta.max()))
     plan = plan_bounces(
-        tile,
-        btf_angles(listed),
-        parse_tolerance(DEFAULT_TOLERANCE),
-        resolution=shape,
-        spp=spp,
+        tile, btf_angles(listed), parse_tolerance(DEFAULT_TOLERANCE), resolution=shape, spp=spp
     )
     auto = int(plan.settings["bounces"])
     ways: list[tuple[str, int, int, bool]] = [

@@ -23,12 +23,7 @@ from simrig.rigs.gantry.rig import Gantry
 from simrig.rigs.protocol import Rig
 from simrig.viewing.brdf.picture import brdf_exposure, brdf_picture
 
-ERRORS: dict[str, str] = {
-    "delta_e": "CIE ΔE",
-    "rmse": "RMSE",
-    "psnr": "PSNR in dB",
-    "ssim": "SSIM",
-}
+ERRORS: dict[str, str] = {"delta_e": "CIE ΔE", "rmse": "RMSE", "psnr": "PSNR in dB", "ssim": "SSIM"}
 COSTS = ("samples", "hardware_minutes", "reconstruction_seconds")
 
 

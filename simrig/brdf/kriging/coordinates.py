@@ -132,8 +132,7 @@ class Prior:
 
 
 ISOTROPIC_PRIOR = Prior(
-    np.array([-1.5, -1.0, -0.3, np.log(0.05), -1.0, -9.0]),
-    np.array([1.0, 1.0, 1.0, 1.5, 2.0, 3.0]),
+    np.array([-1.5, -1.0, -0.3, np.log(0.05), -1.0, -9.0]), np.array([1.0, 1.0, 1.0, 1.5, 2.0, 3.0])
 )
 BIVARIATE_PRIOR = Prior(np.delete(ISOTROPIC_PRIOR.mean, 2), np.delete(ISOTROPIC_PRIOR.deviation, 2))
 ANISOTROPIC_PRIOR = Prior(

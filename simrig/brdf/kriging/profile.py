@@ -50,11 +50,7 @@ class Profile:
 
 
 def fit_profile(
-    theta_h: np.ndarray,
-    logs: np.ndarray,
-    features: np.ndarray,
-    nugget: float,
-    stretch: Stretch,
+    theta_h: np.ndarray, logs: np.ndarray, features: np.ndarray, nugget: float, stretch: Stretch
 ) -> Profile | None:
     """Return the curve that samples share, or None where none shows.
 

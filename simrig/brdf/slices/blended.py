@@ -41,13 +41,7 @@ class BlendedThetas:
     """
 
     def __init__(
-        self,
-        brdf: SliceBrdf,
-        n_theta: int,
-        n_phi: int,
-        first: Array,
-        second: Array,
-        types: Any,
+        self, brdf: SliceBrdf, n_theta: int, n_phi: int, first: Array, second: Array, types: Any
     ):
         self.layout, self.types = brdf.layout, types
         self.tables = brdf.tables(types.Float)
@@ -141,10 +135,7 @@ class BlendedThetas:
 
         def there(exchanged: Array) -> tuple[Array, Array]:
             half_turn_on = (place + samples // 2) % samples
-            return (
-                dr.select(exchanged, a_n - row, row),
-                dr.select(exchanged, half_turn_on, place),
-            )
+            return (dr.select(exchanged, a_n - row, row), dr.select(exchanged, half_turn_on, place))
 
         return self._blended(self.tables.axial, pair, there)
 

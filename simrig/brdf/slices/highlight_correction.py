@@ -90,10 +90,7 @@ def _mirror_terms(layout: SliceLayout) -> list[tuple[np.ndarray, np.ndarray]]:
     low = np.minimum(position.astype(int), start + length - 1)
     fade = np.where(same, (1.0 - apart) ** 2, 0.0)
     low = np.where(same, low, 0)
-    return [
-        (low, fade * (1.0 - (position - low))),
-        (low + 1, fade * (position - low)),
-    ]
+    return [(low, fade * (1.0 - (position - low))), (low + 1, fade * (position - low))]
 
 
 def _triangles(layout: SliceLayout) -> tuple[np.ndarray, ...]:

@@ -188,12 +188,7 @@ class HighlightSlices(SliceBrdf):
         return read.flat(total)
 
     def _interpolate(
-        self,
-        tables: HighlightTables,
-        theta_i: Array,
-        phi_i: Array,
-        theta_v: Array,
-        phi_v: Array,
+        self, tables: HighlightTables, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array
     ) -> Array:
         value = self._predicted(tables, theta_i, phi_i, theta_v, phi_v)
         if tables.surface is not None:
@@ -205,12 +200,7 @@ class HighlightSlices(SliceBrdf):
         return expanded(value, self.offset)
 
     def _predicted(
-        self,
-        tables: HighlightTables,
-        theta_i: Array,
-        phi_i: Array,
-        theta_v: Array,
-        phi_v: Array,
+        self, tables: HighlightTables, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array
     ) -> Array:
         """Return g from the axial and diagonal slices of three subspaces."""
         theta_i, phi_i, theta_v, phi_v = self._stored_half(theta_i, phi_i, theta_v, phi_v)

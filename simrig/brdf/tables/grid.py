@@ -30,11 +30,7 @@ def grid_sizes(theta_max: float, step_deg: float) -> tuple[int, int]:
     return round(thetas) + 1, round(azimuths)
 
 
-def dense_grid(
-    brdf: SliceBrdf,
-    step_deg: float = 2.0,
-    precision: str = "float32",
-) -> Any:
+def dense_grid(brdf: SliceBrdf, step_deg: float = 2.0, precision: str = "float32") -> Any:
     """Reconstruct the whole four-dimensional array from slices.
 
     Every pair of polar angles theta_i <= theta_v is evaluated once and written to both halves.

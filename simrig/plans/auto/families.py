@@ -158,17 +158,9 @@ def _why_cores(seen: Description) -> str:
 
 _ALL = (
     Family(
-        "bivariate",
-        "theta_h and theta_d alone: phi_d does not matter",
-        _why_bivariate,
-        _bivariate,
+        "bivariate", "theta_h and theta_d alone: phi_d does not matter", _why_bivariate, _bivariate
     ),
-    Family(
-        "isotropic",
-        "half-difference angles in three dimensions",
-        _why_isotropic,
-        _isotropic,
-    ),
+    Family("isotropic", "half-difference angles in three dimensions", _why_isotropic, _isotropic),
     Family(
         "anisotropic",
         "half vector and difference vector, turned to the axes found",

@@ -28,11 +28,7 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
     quantities = seen.quantities()
     count = findings.symmetries[0][0]
     return {
-        "lines": [
-            f"family: {why}",
-            reciprocity,
-            f"predicted ΔE {findings.predicted_delta_e:.2g}",
-        ],
+        "lines": [f"family: {why}", reciprocity, f"predicted ΔE {findings.predicted_delta_e:.2g}"],
         "families": names,
         "why": why,
         "reciprocity": reciprocity,

@@ -75,12 +75,7 @@ def interval_weights(theta: np.ndarray, ends: np.ndarray, exponent: float) -> np
 
 
 def _line(
-    values: np.ndarray,
-    known: np.ndarray,
-    wanted: np.ndarray,
-    other: float,
-    blend: Blend,
-    axis: int,
+    values: np.ndarray, known: np.ndarray, wanted: np.ndarray, other: float, blend: Blend, axis: int
 ) -> np.ndarray:
     """Fill one line of polar angles; ``other`` is the fixed polar angle of the other direction."""
     means = values.mean(axis=(1, 2, 3))

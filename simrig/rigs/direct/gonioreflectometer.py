@@ -134,11 +134,7 @@ class Gonioreflectometer(Rig):
         return self.timing.seconds(len(angles), adaptive=plan.adaptive)
 
     def planned(
-        self,
-        material: Brdf,
-        plan: Plan,
-        tolerance: Tolerance,
-        overrides: Overrides | None = None,
+        self, material: Brdf, plan: Plan, tolerance: Tolerance, overrides: Overrides | None = None
     ) -> Self:
         """Return the rig with those effects that a tolerance calls for (see ``Rig.planned``).
 

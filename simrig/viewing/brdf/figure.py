@@ -18,12 +18,7 @@ from simrig.files.images import to_srgb8
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import full_slices
 from simrig.rigs.measurements.measurement import Measurement
-from simrig.viewing.brdf.picture import (
-    THETAS_DEG,
-    brdf_exposure,
-    brdf_picture,
-    check_thetas,
-)
+from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture, check_thetas
 from simrig.viewing.plots import finish_figure, new_figure
 
 # the colours of thesis Figure 5.2

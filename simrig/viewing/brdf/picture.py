@@ -24,9 +24,7 @@ _WHITE_PERCENTILE = 98.0  # of the brightest channel: the few brightest pixels c
 
 
 def brdf_picture(
-    brdf: Brdf,
-    thetas_deg: Sequence[float] = THETAS_DEG,
-    azimuth_step_deg: float = 3.0,
+    brdf: Brdf, thetas_deg: Sequence[float] = THETAS_DEG, azimuth_step_deg: float = 3.0
 ) -> np.ndarray:
     """Return the azimuthal subspaces of all pairs of polar angles as one picture (Figure 1.3 left).
 
@@ -47,9 +45,7 @@ def brdf_picture(
 
 
 def all_subspaces_picture(
-    brdf: Brdf,
-    thetas_deg: Sequence[float] = THETAS_DEG,
-    azimuth_step_deg: float = 15.0,
+    brdf: Brdf, thetas_deg: Sequence[float] = THETAS_DEG, azimuth_step_deg: float = 15.0
 ) -> np.ndarray:
     """Return all kinds of two-dimensional subspaces as one picture (Figure 1.3 right).
 
