@@ -176,7 +176,6 @@ class Method:
         elapsed = stopwatch()
         made = self.reconstruct(measurement)
         seconds = elapsed()
-        notes = (plan.describe(), *_assumed(material, plan), *made.notes)
         cost = measurement.cost
         return MethodResult(
             brdf=made.brdf,
@@ -185,7 +184,7 @@ class Method:
             sampling_seconds=cost.compute_seconds,
             reconstruction_seconds=seconds,
             bytes=made.bytes,
-            notes=notes,
+            notes=(plan.describe(), *_assumed(material, plan), *made.notes),
         )
 
 
@@ -221,8 +220,7 @@ def _from_slices(
     interpolation: str = "cubic",
     progress: Progress | None = None,
 ) -> Reconstructed:
-    made = reconstruct_from(measurement, interpolation)
-    return Reconstructed(made, made.stored_bytes)
+    return Reconstructed.of(reconstruct_from(measurement, interpolation))
 
 
 def _from_any(how: Callable[..., Any]) -> Callable[..., Reconstructed]:
@@ -230,7 +228,7 @@ def _from_any(how: Callable[..., Any]) -> Callable[..., Reconstructed]:
 
     def make(measurement: Measurement, *, progress: Progress | None = None) -> Reconstructed:
         made = how(measurement)
-        return made if isinstance(made, Reconstructed) else Reconstructed(made, made.stored_bytes)
+        return made if isinstance(made, Reconstructed) else Reconstructed.of(made)
 
     return make
 
@@ -245,7 +243,7 @@ def _rbf(
 ) -> Reconstructed:
     made = reconstruct_rbf(measurement, neighbours, logarithms=logarithms)
     if step_deg is None:
-        return Reconstructed(made.brdf, made.brdf.stored_bytes, made.notes)
+        return made
     table = resample_dense(
         made.brdf,
         math.radians(step_deg),
@@ -253,8 +251,7 @@ def _rbf(
         float_type=backend.types("float32").Float,
         progress=progress,
     )
-    notes = (*made.notes, f"tabulated every {step_deg:g}°")
-    return Reconstructed(table, table.stored_bytes, notes)
+    return Reconstructed.of(table, *made.notes, f"tabulated every {step_deg:g}°")
 
 
 def _from_gantry(
@@ -265,14 +262,13 @@ def _from_gantry(
     step_deg: float = 7.5,
     progress: Progress | None = None,
 ) -> Reconstructed:
-    made = reconstruct_gantry(
+    return reconstruct_gantry(
         measurement,
         which,
         theta_step_deg=step_deg,
         azimuths=_azimuths(step_deg),
         interpolation=interpolation,
     )
-    return Reconstructed(made.brdf, made.brdf.stored_bytes, made.notes)
 
 
 def _azimuths(step_deg: float) -> int:
@@ -294,15 +290,11 @@ _OF_GANTRY = (
     Option("interpolation", str, _INTERPOLATION.format("pchip"), "pchip", INTERPOLATIONS),
     Option("step_deg", float, "Degrees between the table's nodes.", 7.5, least=0.5, most=30.0),
 )
+_FLAT = "axial-diagonal"  # slices within subspaces
 # name, one line, how, the slices that its plan measures
 _ALONG_SLICES = (
     ("slices", "adaptive slices, all kinds (5.3)", reconstruct, "all"),
-    (
-        "slices-axial-diagonal",
-        "adaptive slices, axial and diagonal only (5.3)",
-        reconstruct,
-        "axial-diagonal",
-    ),
+    ("slices-axial-diagonal", "adaptive slices, axial and diagonal only (5.3)", reconstruct, _FLAT),
     (
         "along-highlights",
         "adaptive slices, all kinds, interpolated along highlights (5.7 in 4-D)",
@@ -313,7 +305,7 @@ _ALONG_SLICES = (
         "along-highlights-axial-diagonal",
         "as along-highlights, axial and diagonal slices only",
         reconstruct_along_highlights,
-        "axial-diagonal",
+        _FLAT,
     ),
 )
 _BY_RBF = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 from simrig.brdf.protocol import Brdf
 
@@ -20,3 +21,8 @@ class Reconstructed:
     brdf: Brdf
     bytes: int
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, brdf: Brdf, *notes: str) -> Self:
+        """Return a result that is stored as it is."""
+        return cls(brdf, brdf.stored_bytes, notes)

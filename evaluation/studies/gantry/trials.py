@@ -78,7 +78,7 @@ def gantry_trial(
         "samples": plan.samples,
         "hardware_minutes": measurement.cost.hardware_seconds / 60.0,
         "reconstruction_seconds": seconds,
-        "bytes": int(result.brdf.values.nbytes),
+        "bytes": result.bytes,
         "notes": "; ".join(result.notes),
     }
 

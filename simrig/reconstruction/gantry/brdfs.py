@@ -25,6 +25,7 @@ from simrig.plans.gantry import measured_plan
 from simrig.plans.protocol import Measured
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
+from simrig.reconstruction.result import Reconstructed
 from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
 from simrig.reconstruction.transport.circle import transport_circle
 from simrig.reconstruction.transport.grid import (
@@ -43,19 +44,6 @@ RBF_AZIMUTHS = 24  # of the nodes of method A: 15°, the thesis's
 MOST_GLOBAL_NODES = 6000  # of one system: three polar angles
 
 
-@dataclass(frozen=True)
-class GantryReconstruction:
-    """A reconstructed BRDF and what has to be said about it.
-
-    Attributes:
-        brdf: a table over all four angles.
-        notes: how slices were combined, conditions, fall-backs.
-    """
-
-    brdf: DenseTable
-    notes: tuple[str, ...]
-
-
 def reconstruct_gantry(
     measurement: Measured,
     method: str = "gantry-b",
@@ -65,8 +53,8 @@ def reconstruct_gantry(
     combination: str | None = None,
     interpolation: str = "pchip",
     transport: str = "rows",
-) -> GantryReconstruction:
-    """Return the BRDF that the slices of a gantry give.
+) -> Reconstructed:
+    """Return the BRDF that the slices of a gantry give, as a ``DenseTable``.
 
     Args:
         measurement: what was recorded by a ``GantryPlan``.
@@ -108,7 +96,7 @@ def reconstruct_gantry(
         values = fill_thetas(measured, known, wanted, blend)
     name = f"{measurement.material} from {plan.samples} gantry samples, {method}"
     table = DenseTable(values.astype(np.float32), wanted[1], wanted[-1], name=name)
-    return GantryReconstruction(table, tuple(notes))
+    return Reconstructed.of(table, *notes)
 
 
 def _thetas(highest: float, largest_step_deg: float) -> np.ndarray:

@@ -22,6 +22,7 @@ from simrig.core.errors import SimrigError
 from simrig.directions.onion import to_onion
 from simrig.directions.spherical import to_vector
 from simrig.plans.protocol import MeasuredPairs
+from simrig.reconstruction.result import Reconstructed
 from simrig.reconstruction.scattered.thin_plate import FittedSpline, fit_thin_plate
 
 LARGEST_GLOBAL = 24_000  # nodes of one spline: its system takes 8 bytes times their square
@@ -31,19 +32,17 @@ LOG_FLOOR = 1e-3  # of the median, where logarithms end
 
 
 @dataclass(frozen=True, eq=False)
-class RbfResult:
-    """A reconstruction and what has to be said about it.
+class RbfResult(Reconstructed):
+    """A reconstruction, and how its splines were fitted.
 
     Attributes:
         brdf: the result.
         fits: of the one or two global splines; none for local ones, which have a system for
             every set of neighbours.
-        notes: nodes, memory, condition, duplicates that were merged, smoothing.
     """
 
     brdf: RbfBrdf
-    fits: tuple[FittedSpline, ...]
-    notes: tuple[str, ...]
+    fits: tuple[FittedSpline, ...] = ()
 
     @property
     def condition(self) -> float | None:
@@ -96,7 +95,7 @@ def reconstruct_rbf(
     repeated = len(values) - len(_merged(np.concatenate(directions, axis=1), values)[0])
     if repeated:
         notes.append(f"{repeated} repeated samples merged")
-    return RbfResult(brdf, fits, tuple(notes))
+    return RbfResult(brdf, brdf.stored_bytes, tuple(notes), fits)
 
 
 def rbf_weights(nodes: MeasuredPairs, wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
