@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from refusals import refused
 from simrig.core.colour import LUMINANCE
+from simrig.core.errors import SimrigError
 from simrig.files.images import write_exr
 from simrig.rendering.environment import described_lights, environment_lights, read_environment
 from simrig.rendering.render import render
