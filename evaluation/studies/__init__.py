@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from simrig.evaluation.studies import (
     along_highlights,
+    automatic_plan,
     critical_distance,
     isotropic_measured,
     plan_validation,
@@ -33,6 +34,7 @@ STUDIES: dict[str, Study] = {
         along_highlights.STUDY,
         critical_distance.STUDY,
         isotropic_measured.STUDY,
+        automatic_plan.STUDY,
         plan_validation.STUDY,
         traps.STUDY,
         room_switch.STUDY,

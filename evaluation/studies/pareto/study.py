@@ -55,6 +55,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "materials": ["fabric112"],
         "methods": [
             "auto",
+            "visible-normals",
             "slices",
             "along-highlights",
             "barycentric",

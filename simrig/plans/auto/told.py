@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from simrig.plans.auto.description import Description
 from simrig.plans.auto.families import Choice, shape_of
 from simrig.plans.auto.findings import Findings
+from simrig.plans.auto.quantities import Quantity
 
 
 def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any]:
@@ -25,7 +28,7 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
     shape = shape_of(findings.symmetry)
     names = [shape.name, *(family.name for family in choice.families if family.shape is None)]
     why, reciprocity = findings.why(choice.why), _reciprocity(seen, findings)
-    quantities = seen.quantities()
+    quantities = [*seen.quantities(), *_axis(findings)]
     count = findings.symmetries[0][0]
     return {
         "lines": [f"family: {why}", reciprocity, f"predicted ΔE {findings.predicted_delta_e:.2g}"],
@@ -38,6 +41,21 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
         "predictions": [list(each) for each in findings.predictions],
         "warnings": findings.warnings(),
     }
+
+
+def _axis(findings: Findings) -> list[Quantity]:
+    """Return the main axis of an anisotropic, mirror symmetric material, in degrees.
+
+    Its uncertainty is half of what the last look back changed; None where one looked alone.
+    """
+    taken = [own for _, own in findings.symmetries if own.mirror and not own.isotropic]
+    if not taken or taken[-1] != findings.symmetry:
+        return []
+    change = None
+    if len(taken) > 1:
+        turned = np.degrees(taken[-1].axis - taken[-2].axis)
+        change = 0.5 * abs(float(np.mod(turned + 90.0, 180.0) - 90.0))
+    return [Quantity("main axis, azimuth", float(np.degrees(taken[-1].axis)), change, "°")]
 
 
 def _reciprocity(seen: Description, findings: Findings) -> str:
