@@ -426,6 +426,8 @@ def test_the_command_stops_in_time_and_says_what_that_saved():
     text = " ".join(simrig(*wished, "--overwrite").stdout.split())
     for part in ("saved", "against adaptive slices", "family: anisotropic", "noise of the rig"):
         assert part in text
+    facts = done("info", "m.h5")["facts"]
+    assert facts["found, 1"].startswith("family: anisotropic")
 
 
 @pytest.mark.usefixtures("in_empty_folder")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -231,7 +233,17 @@ def _ours(path: Path, content: str) -> Description:
         raise SimrigError(f"HDF5 file '{path}' is damaged: {error}") from error
     use = ["simrig reconstruct"] if "measurement" in content else []
     says = _attributes(path)
-    return Description(path, content, "simrig HDF5", says, [], {"arrays": arrays}, use)
+    facts: dict[str, Any] = {f"found, {n}": line for n, line in enumerate(_found(says), 1)}
+    return Description(path, content, "simrig HDF5", says, [], {**facts, "arrays": arrays}, use)
+
+
+def _found(says: Mapping[str, Any]) -> list[str]:
+    """Return what the plan of a measurement found, in lines; nothing of other files."""
+    try:
+        lines = json.loads(says["provenance"])["found"]["lines"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return []
+    return [str(line) for line in lines] if isinstance(lines, list) else []
 
 
 def _attributes(path: Path) -> dict[str, Any]:
