@@ -19,6 +19,7 @@ import numpy as np
 
 from simrig.brdf import KURT_MATERIALS
 from simrig.core.tables import text_table
+from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
@@ -28,7 +29,6 @@ from simrig.files.load import load_material
 from simrig.methods import METHODS
 from simrig.plans.auto.families import FAMILIES
 from simrig.plans.auto.plan import AutomaticPlan
-from simrig.plans.protocol import LARGEST_THETA_DEG
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.plots import COLOURS, drawn_panel
 

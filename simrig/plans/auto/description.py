@@ -35,7 +35,8 @@ class Test:
     holds: bool
 
     def __str__(self) -> str:
-        return f"{round(100 * self.difference, _DIGITS):.2g} ± {100 * self.uncertainty:.1g} %"
+        error = float(f"{100 * self.uncertainty:.1g}")
+        return f"{round(100 * self.difference, _DIGITS):.2g} ± {error:g} %"
 
 
 @dataclass(frozen=True)

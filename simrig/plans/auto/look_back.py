@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from simrig.brdf.kriging.axis import mirror_axis
 from simrig.brdf.kriging.choice import left_out_error
@@ -14,8 +15,23 @@ _CLEARLY = 0.9  # another symmetry must predict this much better,
 _SLIGHTLY = 0.98  # the same with another axis this much
 
 
-def looked_back(model: KrigingModel, bivariate: bool) -> tuple[KrigingModel, float]:
-    """Return the model, or that of a symmetry that predicts left-out samples clearly better.
+@dataclass(frozen=True)
+class Look:
+    """What a look back found.
+
+    Attributes:
+        best: the model in use, or that of a symmetry that predicts left-out samples clearly better.
+        same: the same among those that depend on as many angles.
+        share: error of ``best`` over that of ``same``.
+    """
+
+    best: KrigingModel
+    same: KrigingModel
+    share: float
+
+
+def looked_back(model: KrigingModel, bivariate: bool) -> Look:
+    """Return which symmetries predict left-out samples clearly better than the one in use.
 
     Samples lie at all azimuths and in both orders, whatever was assumed, so that they show what a
     pilot missed, and where a mirror plane lies.
@@ -23,9 +39,6 @@ def looked_back(model: KrigingModel, bivariate: bool) -> tuple[KrigingModel, flo
     Args:
         model: that is in use.
         bivariate: whether the pilot allows that phi_d does not matter.
-
-    Returns:
-        The model, and its error over that of the one in use.
     """
     errors = {model: left_out_error(model)}
     for symmetry in alternatives(model.symmetry, bivariate):
@@ -35,10 +48,18 @@ def looked_back(model: KrigingModel, bivariate: bool) -> tuple[KrigingModel, flo
     base = min(free, key=errors.__getitem__)
     mirrored = _fitted(model, replace(base.symmetry, mirror=True, axis=mirror_axis(base)))
     errors[mirrored] = left_out_error(mirrored)
-    best = min(errors, key=errors.__getitem__)
+    alike = [m for m in errors if m.symmetry.dimensions == model.symmetry.dimensions]
+    best, same = (_clearly_better(model, each, errors) for each in (list(errors), alike))
+    return Look(best, same, errors[best] / errors[same])
+
+
+def _clearly_better(
+    model: KrigingModel, others: list[KrigingModel], errors: Mapping[KrigingModel, float]
+) -> KrigingModel:
+    best = min(others, key=errors.__getitem__)
     turned = model.symmetry == replace(best.symmetry, axis=model.symmetry.axis)
-    share = errors[best] / errors[model]
-    return (best, share) if share < (_SLIGHTLY if turned else _CLEARLY) else (model, 1.0)
+    wanted = _SLIGHTLY if turned else _CLEARLY
+    return best if errors[best] < wanted * errors[model] else model
 
 
 def alternatives(symmetry: Symmetry, bivariate: bool) -> list[Symmetry]:

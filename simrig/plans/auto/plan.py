@@ -255,17 +255,18 @@ class _Run:
         """Return the model, or that of a symmetry that predicts left-out samples clearly better.
 
         Samples lie at all azimuths and in both orders, whatever was assumed, so that they show
-        what a pilot missed. What a user wished stays, and the doubt is told.
+        what a pilot missed. The shape that a user wished stays, and the doubt is told.
         """
-        best, share = looked_back(model, bivariate)
-        if best is model:
-            return model
+        look = looked_back(model, bivariate)
         wished = self.plan.family
+        found = look.best
         if wished is not None and FAMILIES[wished].shape is not None:
-            self.doubts.append(Doubt(len(model.samples), best.symmetry, share))
-            return model
-        self.symmetries.append((len(model.samples), best.symmetry))
-        return best
+            found = look.same
+            if look.best.symmetry.dimensions != found.symmetry.dimensions:
+                self.doubts.append(Doubt(len(model.samples), look.best.symmetry, look.share))
+        if found is not model:
+            self.symmetries.append((len(model.samples), found.symmetry))
+        return found
 
     def _predicted(self, model: KrigingModel) -> float:
         predicted = predicted_delta_e(model)
