@@ -412,8 +412,9 @@ def test_real_materials_need_fewer_samples_than_slices(shared_data):
 
 @pytest.mark.usefixtures("in_empty_folder")
 def test_the_command_stops_in_time_and_says_what_that_saved():
-    wished = ("measure", "wood01", "--ideal", "-n", "900", "--until", "dE=3", "--output", "m.h5")
+    wished = ("measure", "wood01", "--ideal", "-n", "900", "--until", "dE=3")
     data = done(*wished)
+    assert data["output"] == "wood01-measurement.h5"
     assert data["plan"] == "auto" and data["cost"]["samples"] < 900
     saved = data["found"]["saved"]
     spent = data["cost"]["hardware_seconds"] / 3600.0
@@ -422,11 +423,11 @@ def test_the_command_stops_in_time_and_says_what_that_saved():
     rival = saved["slices"]
     assert rival["samples"] == 1060 and rival["reached"] and rival["delta_e"] <= 3.0
     assert rival["saved_hours"] == pytest.approx(rival["hours"] - spent)
-    assert Measurement.load("m.h5").provenance["found"] == data["found"]
+    assert Measurement.load(data["output"]).provenance["found"] == data["found"]
     text = " ".join(simrig(*wished, "--overwrite").stdout.split())
     for part in ("saved", "against adaptive slices", "family: anisotropic", "noise of the rig"):
         assert part in text
-    facts = done("info", "m.h5")["facts"]
+    facts = done("info", data["output"])["facts"]
     assert facts["found, 1"].startswith("family: anisotropic")
 
 

@@ -32,7 +32,9 @@ def declarers() -> Declarers:
 def measure(
     context: typer.Context,
     material: Material,
-    output: Annotated[Path, typer.Option(help="The measurement (.h5).")],
+    output: Annotated[
+        Path | None, typer.Option(help="The measurement (.h5); NAME-measurement.h5 else.")
+    ] = None,
     rig: Annotated[
         str, typer.Option(help="A rig, an instrument, or an instrument file (.toml).")
     ] = "gonioreflectometer",
@@ -76,6 +78,7 @@ def measure(
             Overrides(**effects.overrides),
         )
     name = plan or implied_plan(wishes, device.default_plan)
+    output = output or Path(f"{Path(material).stem}-measurement.h5")
     device, measurement = measured(material, output, overwrite, device, name, wishes, chosen)
     return _report(output, measurement, device)
 
