@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from odd_materials import Flakes, Lacquer, Noisy, OneWay, Tape
 
 from simrig.brdf import Lambert, Ward, kurt_material
 from simrig.brdf.kriging.displayed import displayed_pairs
 from simrig.brdf.protocol import Brdf
-from simrig.core.arrays import scale
-from simrig.directions.half_difference import from_half_difference, to_half_difference
+from simrig.directions.half_difference import from_half_difference
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.methods import METHODS
@@ -27,68 +27,6 @@ from simrig.rigs.measurements.measurement import Measurement
 
 REACH = np.radians(75.0)
 FLOOR = 1e-3
-
-
-class Analytic(Brdf):
-    """A BRDF of the half-difference angles."""
-
-    name, reciprocal = "analytic", True
-
-    def data(self):
-        return {"colour": np.ones(3)}
-
-    def look_up(self, wi, wv, tables):
-        return self.values(to_half_difference(wi, wv))
-
-
-class Tape(Analytic):
-    """Sends light back within a degree and a half."""
-
-    name, width = "tape", np.radians(1.5)
-
-    def values(self, at):
-        lobe = 1.0 + 20.0 * np.exp(-((at.theta_d / self.width) ** 2))
-        return 0.05 * lobe[..., None] * np.ones(3)
-
-
-class Lacquer(Analytic):
-    """A highlight whose colour turns from green to red as light comes in flatter."""
-
-    name = "lacquer"
-
-    def values(self, at):
-        lobe = np.exp(-((at.theta_h / 0.12) ** 2))
-        part = np.sin(at.theta_d) ** 2
-        colour = np.stack([0.2 + 2.0 * part, 1.5 - 1.2 * part, 0.3 + 0.0 * part], axis=-1)
-        return 0.03 + colour * lobe[..., None]
-
-
-class Flakes(Analytic):
-    """Steps of theta_h of six degrees, as flakes at a few tilts make them."""
-
-    name = "flakes"
-
-    def values(self, at):
-        ring = 1.0 + 0.6 * np.sin(2.0 * np.pi * at.theta_h / np.radians(6.0))
-        lobe = np.exp(-at.theta_h / 0.25) * ring
-        return 0.02 + lobe[..., None] * np.array([0.6, 0.5, 0.4])
-
-
-class Noisy(Brdf):
-    """Another BRDF with relative noise that belongs to the directions."""
-
-    name = "noisy"
-
-    def __init__(self, brdf: Brdf, noise: float):
-        self.brdf, self.noise = brdf, noise
-
-    def data(self):
-        return self.brdf.data()
-
-    def look_up(self, wi, wv, tables):
-        seed = np.sin(1e4 * (wi @ [1.0, 2.3, 3.1] + wv @ [4.7, 5.9, 6.1])) * 43758.5453
-        uniform = seed - np.floor(seed)
-        return scale(self.brdf.eval(wi, wv), 1.0 + self.noise * np.sqrt(12.0) * (uniform - 0.5))
 
 
 @dataclass(frozen=True)
@@ -248,15 +186,6 @@ def test_small_budgets_get_better_and_say_how_good_they_are():
 
 @pytest.mark.slow
 def test_a_pilot_that_sees_reciprocity_where_there_is_none_is_overruled():
-    class OneWay(Brdf):
-        name, reciprocal = "one_way", False
-
-        def data(self):
-            return {"colour": np.array([0.3, 0.2, 0.1])}
-
-        def look_up(self, wi, wv, tables):
-            return np.array([0.3, 0.2, 0.1]) * (2.0 - np.asarray(wi)[..., 2:])
-
     class Deceived(AutomaticPlan):
         def batches(self):
             work = super().batches()
