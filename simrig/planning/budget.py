@@ -82,7 +82,7 @@ def _best(
         if -_CLOSE < over <= 0.0 or high - low < _CLOSE:
             break
         if time.perf_counter() > end:
-            high = min(high, max(guess, fits))
+            high = min(high, max(low, fits))
             break
         guess = fits if low < fits < high else 0.5 * (low + high)
     wanted = tolerance.times(math.exp(high))

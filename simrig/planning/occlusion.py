@@ -21,6 +21,8 @@ def can_shadow(survey: Survey) -> bool:
     and the light. It is covered by spheres along its axis, widened by what lies between them, so
     a False is certain. A convex body hides from itself only what the cosine hides anyway.
     """
+    if not survey.bodies:
+        return False
     if not survey.only_delta_lights:
         return not survey.one_convex_body
     return can_hide_points(survey)

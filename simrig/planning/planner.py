@@ -53,6 +53,7 @@ from simrig.planning.view import SAMPLER
 from simrig.rendering import render as rendering
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
+_ENOUGH = 0.25  # of the noise that is allowed: time that is left over buys no less than that
 _WORTH_PARTICLES = 16  # samples of a picture by paths for each particle that is followed first
 _NOISE_SHARE = 0.7  # of what is left of a tolerance, see ``_noise_share``
 OVER_TIME = (0.25, 1.0, 4.0)  # of the samples, for the table of error over seconds
@@ -339,6 +340,8 @@ def _samples(
     spp, change = sampled.needed(allowed, allowed.amount)
     reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
     most = sampled.samples_within(MOST_SECONDS if seconds is None else seconds)
+    if fills:
+        most = min(most, sampled.needed(allowed, _ENOUGH * allowed.amount)[0])
     if most < spp or fills:
         reached = "" if fills else f", above its share: more take {MOST_SECONDS:g} s"
         spp, change = most, sampled.change(allowed, most)

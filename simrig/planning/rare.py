@@ -13,6 +13,7 @@ import numpy as np
 
 _DOMINATES = 0.5  # share of the squared deviations of a pixel that one of its samples carries
 _FEWEST = 8  # samples of a pixel
+_MANY = 16.0  # events of a pixel, whose sum is nearly normal
 
 
 class RareEvents:
@@ -55,12 +56,16 @@ class RareEvents:
         self.mean = self.others.mean(axis=1) + self._share
 
     def errors(self, spp: int, rng: np.random.Generator) -> np.ndarray:
-        """Return by how much the events of ``spp`` samples exceed their mean, (n, 3) per pixel."""
+        """Return by how much the events of ``spp`` samples exceed their mean, (n, 3) per pixel.
+
+        Where they are many, as many are drawn as stand for them: the error falls with the root.
+        """
         rate = self._found[self._parts] / np.maximum(self._looked[self._parts], 1)
-        number = rng.poisson(rate * spp)
+        drawn = min(float(spp), _MANY / max(float(rate.max(initial=0.0)), 1e-12))
+        number = rng.poisson(rate * drawn)
         pixel = np.repeat(np.arange(len(number)), number)
         part = self._parts[pixel]
         which = self._first[part] + (rng.random(len(pixel)) * self._found[part]).astype(np.int64)
         met = np.zeros((len(number), 3))
         np.add.at(met, pixel, self._event[which])
-        return met / spp - self._share
+        return (met / drawn - self._share) * np.sqrt(drawn / spp)

@@ -40,6 +40,7 @@ from simrig.rendering import render as rendering
 from simrig.rendering.sensors import sensor_of
 
 _FEW_LIGHTS = 8
+_LONGEST_LOOK = 5.0  # seconds; light that is scattered a hundred times takes its time
 
 
 class SceneSubject:
@@ -115,7 +116,10 @@ class SceneSubject:
     @cached_property
     def all_orders(self) -> CameraProbe:
         """The pixels by paths of all orders, in scenes whose orders are not told apart."""
-        return probe(self.view, self.everything, PATH_SAMPLES)
+        few = probe(self.view, self.everything, GROUPS)
+        each = few.seconds_per_sample * few.body.shape[0]
+        affordable = [n for n in (PATH_SAMPLES, SAMPLES) if n * each < _LONGEST_LOOK]
+        return probe(self.view, self.everything, affordable[0]) if affordable else few
 
     @cached_property
     def everything(self) -> dict[str, Any]:

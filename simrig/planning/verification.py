@@ -157,17 +157,20 @@ class Estimate:
         """
         survey = Survey(self.view.scene)
         integrator = path_integrator(self.view.scene, UNLIMITED, survey.needs_volpath)
-        self._everything, spent = [], 0.0
+        means = np.array([picture[rows, columns].mean(axis=(0, 1)) for rows, columns in self._cut])
+        allowed = may_lack(self.plan)
+        self._everything, spent, least, most = [], 0.0, 0.0, math.inf
         for radiance, took in self._rounds(integrator):
             self._everything.append(radiance)
             spent += took
-            mean = spent / len(self._everything)
-            if len(self._everything) >= _FEWEST and spent + 2.0 * mean > seconds:
+            count = len(self._everything)
+            late = count >= _FEWEST and spent * (count + 2) / count > seconds
+            if late or (count >= _FEWEST and count & (count - 1) == 0):
+                halves = [np.mean(self._everything[one::2], axis=0) for one in (0, 1)]
+                least, most = self._apart(means, np.array(halves))
+            if late or most <= allowed:  # more samples would not contradict the plan
                 break
-        halves = np.array([np.mean(self._everything[one::2], axis=0) for one in (0, 1)])
-        means = np.array([picture[rows, columns].mean(axis=(0, 1)) for rows, columns in self._cut])
-        samples = _EACH * len(self._everything)
-        return Check(self._least(means, halves), samples, spent)
+        return Check(least, _EACH * len(self._everything), spent)
 
     def cause(self) -> str:
         """Return the left-out effect that brings the plan near to everything; empty for none.
@@ -207,11 +210,11 @@ class Estimate:
             took = time.perf_counter() - start - clock.compile_seconds
             yield radiance.reshape(len(self._blocks), _EACH, 3).mean(axis=1), took
 
-    def _least(self, picture: np.ndarray, halves: np.ndarray) -> float:
-        """Return by how much (m, 3) means differ for certain from (2, m, 3) halves."""
+    def _apart(self, picture: np.ndarray, halves: np.ndarray) -> tuple[float, float]:
+        """Return by how much (m, 3) means differ from (2, m, 3) halves: surely, and at most."""
         lit = (picture > 0.0).any(axis=1) | (halves > 0.0).any(axis=(0, 2))
         if not lit.any() or not np.isfinite(halves).all():
-            return 0.0
+            return 0.0, math.inf
         whole = halves.mean(axis=0)[lit]
         both = self.display.coordinates(whole)
         # colours are concave in radiance: one bright sample in a half moves them less upwards than
@@ -221,17 +224,15 @@ class Estimate:
         squares = ((self.display.coordinates(picture[lit]) - both) ** 2).sum(axis=1)
         pixels = float(np.mean([w * h for _, _, w, h in self._blocks]))
         own = float(self.plan.about.get("noise") or 0.0) / math.sqrt(max(pixels, 1.0))
-        least = math.sqrt(max(_surely(squares - noise) - own**2, 0.0))
-        if self.plan.tolerance.metric == "psnr" or least == 0.0:
-            return least
+        surplus = squares - noise
+        mean, error = float(surplus.mean()), _CERTAIN * float(surplus.std() / math.sqrt(len(noise)))
+        least = math.sqrt(max(mean - error - own**2, 0.0))
+        most = math.sqrt(max(float(squares.mean()) + error, 0.0))
+        if self.plan.tolerance.metric == "psnr":
+            return least, most
         # the others are means, which are the less beside the root of squares the more they vary
-        share = float(np.sqrt(squares).mean() / math.sqrt(squares.mean()))
-        return self.display.of_mean(share * least, whole)
-
-
-def _surely(values: np.ndarray) -> float:
-    """Return the mean of values, less three standard errors."""
-    return float(values.mean() - _CERTAIN * values.std() / math.sqrt(len(values)))
+        share = float(np.sqrt(squares).mean() / math.sqrt(max(float(squares.mean()), 1e-300)))
+        return self.display.of_mean(share * least, whole), self.display.of_mean(most, whole)
 
 
 def _switched_on(plan: EffectPlan, effect: str) -> EffectPlan | None:
