@@ -41,9 +41,7 @@ def reconstruct_kriging(measurement: Measured) -> Reconstructed:
     if has_findings(measurement.layout):
         findings = findings_of(measurement.layout)
         model = final_model(samples, findings.symmetry)
-        low, high = findings.likely_delta_e
-        likely = f"{findings.predicted_delta_e:.2g}, likely {low:.2g} to {high:.2g}"
-        said = [findings.why(), f"predicted ΔE {likely}"]
+        said = [findings.why(), findings.predicted()]
     else:
         model = choose_model(samples, final=True)
         said = [f"{model.symmetry.describe()} (by left-out samples)"]

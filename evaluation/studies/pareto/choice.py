@@ -132,9 +132,9 @@ def _once(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _means(subjects: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
-    """Return mean costs and errors where a method took as many samples of every material."""
+    """Return mean costs and errors where a method gave a result for every material."""
     found = []
-    every = [{(row["method"], row["samples"]): row for row in rows} for rows in subjects]
+    every = [{(row["method"], row["wished"]): row for row in rows} for rows in subjects]
     for key in every[0]:
         own = [rows[key] for rows in every if key in rows]
         if len(own) < len(every):
@@ -145,7 +145,7 @@ def _means(subjects: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, An
             {
                 "material": f"mean of {len(own)}",
                 "method": key[0],
-                "samples": key[1],
+                "samples": round(np.mean([row["samples"] for row in own])),
                 **mean,
                 **spreads,
             }

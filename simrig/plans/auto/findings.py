@@ -63,6 +63,11 @@ class Findings:
         factor = 2.0 if samples >= _MANY else 3.0
         return predicted / factor, predicted * factor
 
+    def predicted(self) -> str:
+        """Return the prediction in words, with its likely range."""
+        low, high = self.likely_delta_e
+        return f"predicted ΔE {self.predicted_delta_e:.2g}, likely {low:.2g} to {high:.2g}"
+
     def why(self, reasons: str = "") -> str:
         """Return in one line which family was measured, and why.
 

@@ -23,7 +23,8 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
     Returns:
         ``lines``: for people; ``families``: names, the last shape first; ``why``: one line;
         ``reciprocity``: what was assumed; ``pilot``: quantities with uncertainty and unit;
-        ``predicted_delta_e`` and ``predictions``: (samples, ΔE); ``warnings``.
+        ``predicted_delta_e`` with its range ``likely_delta_e``, and ``predictions``: (samples, ΔE);
+        ``warnings``.
     """
     shape = shape_of(findings.symmetry)
     names = [shape.name, *(family.name for family in choice.families if family.shape is None)]
@@ -31,13 +32,14 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
     quantities = [*seen.quantities(), *_axis(findings)]
     count = findings.symmetries[0][0]
     return {
-        "lines": [f"family: {why}", reciprocity, f"predicted ΔE {findings.predicted_delta_e:.2g}"],
+        "lines": [f"family: {why}", reciprocity, findings.predicted()],
         "families": names,
         "why": why,
         "reciprocity": reciprocity,
         "pilot": [quantity.as_dict() for quantity in quantities],
         "pilot_samples": count,
         "predicted_delta_e": findings.predicted_delta_e,
+        "likely_delta_e": list(findings.likely_delta_e),
         "predictions": [list(each) for each in findings.predictions],
         "warnings": findings.warnings(),
     }
