@@ -131,6 +131,15 @@ def test_means_are_over_what_every_material_has() -> None:
     assert mean["rows"][0]["mre_standard_error_percent"] == pytest.approx(0.1 / np.sqrt(2.0))
 
 
+def test_means_are_over_what_was_wished_where_methods_take_what_they_can() -> None:
+    rows = [
+        row("visible-normals", n, 3.0, 4.0, wished=300, material=m)
+        for m, n in (("a", 296), ("b", 251))
+    ]
+    (mean,) = summarised(*rows)["subjects"][-1]["rows"]
+    assert mean["samples"] == 274 and mean["delta_e"] == 2.0
+
+
 def test_what_has_no_relative_error_is_judged_by_the_others() -> None:
     black = {**GOOD, "mre_percent": None, "median_relative_error_percent": None}
     (one,) = summarised(CHEAP, black)["subjects"]
