@@ -353,8 +353,12 @@ def test_goals_and_families_that_cannot_be_are_refused():
     )
 
 
-def test_a_measurement_that_predicts_nothing_saves_nothing():
+def test_a_measurement_that_predicts_nothing_or_too_much_saves_nothing():
     rig = Gonioreflectometer()
+    far = rig.measure(kurt_material("wood01"), AutomaticPlan(30, until=1e-6))
+    told = with_hours_saved(far, rig).provenance["found"]
+    assert told["saved"]["reached"] is False and told["saved"]["saved_hours"] == 0.0
+    assert any(line.startswith("saved nothing: with 30 of 30 samples") for line in told["lines"])
     plan = METHODS["regular-grid"].plan(None, 60)
     with pytest.raises(SimrigError, match="predicts no error"):
         with_hours_saved(rig.measure(Lambert(), plan), rig)

@@ -138,6 +138,7 @@ def test_the_report_of_one_set_of_slices_without_baseline_and_exact_errors(tmp_p
     assert "daptive slices" not in text
 
 
+@pytest.mark.slow
 def test_the_automatic_plan_comes_first_and_tells_what_it_saw(tmp_path: Path) -> None:
     measurement = MeasurementSettings(samples=(300,), automatic=True)
     quick = ComparisonSettings(exact=False, estimate_samples=2000, step_deg=20.0)

@@ -53,18 +53,22 @@ def with_hours_saved(measurement: Measurement, rig: Rig) -> Measurement:
         raise SimrigError(f"plan '{measurement.plan.name}' predicts no error: nothing was saved")
     plan, spent = measurement.plan, measurement.cost.hardware_hours
     budget = rig.seconds(plan, np.zeros((plan.samples, 4))) / 3600.0
-    rival = _slices(measurement, rig, max(error, getattr(plan, "until", None) or 0.0))
+    goal = getattr(plan, "until", None)
+    rival = _slices(measurement, rig, max(error, goal or 0.0))
     saved: dict[str, Any] = {
         "hours": spent,
         "budget_samples": plan.samples,
         "budget_hours": budget,
         "saved_hours": budget - spent,
+        "reached": goal is None or error <= goal,
         "slices": None,
     }
-    lines = [
-        f"saved {budget - spent:.3g} of {budget:.3g} h: {measurement.cost.samples:,} of "
-        f"{plan.samples:,} samples were enough"
-    ]
+    counts = f"{measurement.cost.samples:,} of {plan.samples:,} samples"
+    lines = [f"saved {budget - spent:.3g} of {budget:.3g} h: {counts} were enough"]
+    if not saved["reached"]:
+        lines = [
+            f"saved nothing: with {counts} ΔE {error:.2g} is predicted, not {goal:g}; take more"
+        ]
     if rival is not None:
         more = "" if rival.reached else "more than "
         saved["slices"] = {**vars(rival), "saved_hours": rival.hours - spent}
