@@ -23,7 +23,8 @@ _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 240_000, 1_500_000  # at most
 _FEWEST_NODES = {True: 20_000, False: 240_000}  # isotropic or not
 _NODES_PER_SAMPLE = 60
 _PROFILE_NODES = 1500  # of a curve over theta_h, some four to each of its own
-_BLOCK_NEIGHBOURS = 48  # of 2 × 2 × 2 × 2 nodes together
+# of 2 × 2 × 2 (× 2) nodes together; measured isotropic materials change within few samples
+_BLOCK_NEIGHBOURS = {True: 24, False: 48}
 # nodes of theta_h, phi_h, theta_d and phi_d (over full turns) to one another
 _ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 10.0, 2.0, 2.2)
 
@@ -78,7 +79,7 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
         ]
     )
     angles = np.stack([axis[nodes[:, k]] for k, axis in enumerate(axes)], axis=-1)
-    neighbours = min(_BLOCK_NEIGHBOURS, len(model.features))
+    neighbours = min(_BLOCK_NEIGHBOURS[symmetry.isotropic], len(model.features))
     logs, _ = model.at_blocks(angles.swapaxes(0, 1), neighbours)
     values = np.empty((*shape, 3), dtype=np.float32)
     values[tuple(nodes.transpose(1, 2, 0))] = logs

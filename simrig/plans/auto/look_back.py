@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from simrig.brdf.kriging.axis import mirror_axis
 from simrig.brdf.kriging.choice import left_out_error
 from simrig.brdf.kriging.model import KrigingModel, fit_model
 from simrig.brdf.kriging.symmetry import Symmetry
 
 _OF_ISOTROPIC = "reciprocal", "mirror"  # the symmetries that isotropic materials may lack
+_FIRST, _EVALUATIONS = 40, 100  # of the criterion: to see what is promising, and in all
+_PROMISING = 1.5  # the error after the first of them over that of the model in use
 _CLEARLY = 0.9  # another symmetry must predict this much better,
-_SLIGHTLY = 0.98  # the same with another axis this much
+_SLIGHTLY = 0.98  # another estimate of the axis this much
 
 
 @dataclass(frozen=True)
@@ -42,11 +46,15 @@ def looked_back(model: KrigingModel, bivariate: bool) -> Look:
     """
     errors = {model: left_out_error(model)}
     for symmetry in alternatives(model.symmetry, bivariate):
-        other = _fitted(model, symmetry)
+        other = _fitted(model, symmetry, _FIRST)
         errors[other] = left_out_error(other)
+        if errors[other] < _PROMISING * errors[model]:
+            other = _fitted(model, symmetry, _EVALUATIONS - _FIRST, other.parameters)
+            errors[other] = left_out_error(other)
     free = [m for m in errors if not (m.symmetry.isotropic or m.symmetry.mirror)]
     base = min(free, key=errors.__getitem__)
-    mirrored = _fitted(model, replace(base.symmetry, mirror=True, axis=mirror_axis(base)))
+    turned = replace(base.symmetry, mirror=True, axis=mirror_axis(base))
+    mirrored = _fitted(model, turned, _EVALUATIONS)
     errors[mirrored] = left_out_error(mirrored)
     alike = [m for m in errors if m.symmetry.dimensions == model.symmetry.dimensions]
     best, same = (_clearly_better(model, each, errors) for each in (list(errors), alike))
@@ -57,8 +65,9 @@ def _clearly_better(
     model: KrigingModel, others: list[KrigingModel], errors: Mapping[KrigingModel, float]
 ) -> KrigingModel:
     best = min(others, key=errors.__getitem__)
-    turned = model.symmetry == replace(best.symmetry, axis=model.symmetry.axis)
-    wanted = _SLIGHTLY if turned else _CLEARLY
+    own = model.symmetry  # an axis at exactly 0 is what the pilot tried, and no estimate
+    of_axis = own.axis != 0.0 and own == replace(best.symmetry, axis=own.axis)
+    wanted = _SLIGHTLY if of_axis else _CLEARLY
     return best if errors[best] < wanted * errors[model] else model
 
 
@@ -86,7 +95,9 @@ def alternatives(symmetry: Symmetry, bivariate: bool) -> list[Symmetry]:
     return [*others, replace(plain, isotropic=True, mirror=True, half_turn=True, axis=0.0)]
 
 
-def _fitted(model: KrigingModel, symmetry: Symmetry) -> KrigingModel:
+def _fitted(
+    model: KrigingModel, symmetry: Symmetry, evaluations: int, start: np.ndarray | None = None
+) -> KrigingModel:
     """Return the model of the same samples under another symmetry."""
     profile = model.profile if symmetry.isotropic else None
-    return fit_model(model.samples, symmetry, evaluations=100, profile=profile)
+    return fit_model(model.samples, symmetry, start, evaluations, profile=profile)
