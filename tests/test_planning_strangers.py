@@ -218,6 +218,13 @@ def test_many_rare_events_are_drawn_quickly() -> None:
     assert spread[0] / spread[1] == pytest.approx(16.0, rel=0.2)
 
 
+def test_a_caustic_that_few_pixels_met_leaves_doubts() -> None:
+    plan = plan_scene(TRAPS["caustic"].build(), "dE=2")
+    assert plan.about["kept"] is None and "few samples" in plan.about["advice"]
+    sure = plan_scene(TRAPS["keyhole"].build(), "dE=2")  # as rare, but nothing gathers its light
+    assert sure.about["kept"] and not sure.about["doubts"]
+
+
 def test_light_that_no_path_meets_is_said() -> None:
     panel = plate(2.0, 1.0, emitter={"type": "directionalarea"}, flip_normals=True)
     plan = plan_scene(over_a_floor(panel=panel), "dE=1")

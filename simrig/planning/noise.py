@@ -91,19 +91,27 @@ class SamplingNoise:
         """What is rarer than the samples can show."""
         return NO_TAIL if self.exact else tail_of(self.radiance)
 
-    def _seen(self, spp: int, gain: float) -> float:
+    def mostly_rare(self, spp: int) -> bool:
+        """Return whether most of the noise of ``spp`` samples is of events that few pixels met."""
+        if self._rare is None or not self._rare.any:
+            return False
+        together, gain = max(round(spp * self.averaging), 1), self._gain_of(spp)
+        return self._seen(together, gain, False) < 0.5 * self._seen(together, gain)
+
+    def _seen(self, spp: int, gain: float, rare: bool = True) -> float:
         """Return the mean change of a picture, without what is rarer than was seen.
 
         Args:
             spp: samples that a pixel averages.
             gain: what stratification leaves of their noise.
+            rare: whether events count that few pixels met.
         """
         draw = self._split if 2 * spp <= self._count else self._shaken
         changes = []
         for trial in range(_TRIALS):
             mean, error = draw(spp, trial)
             error = gain * error
-            if self._rare is not None and self._rare.any:
+            if rare and self._rare is not None and self._rare.any:
                 mean = self._mean
                 error = error + self._rare.errors(spp, np.random.default_rng((_SEED, trial)))
             noisy = np.maximum(mean + error, 0.0)

@@ -28,7 +28,12 @@ from simrig.core.effects import (
     replaced,
 )
 from simrig.planning.costs import USUAL_SPP, shadow_seconds
-from simrig.planning.doubts import Doubt, light_tracing_may_see, light_tracing_sees_all
+from simrig.planning.doubts import (
+    Doubt,
+    light_tracing_may_see,
+    light_tracing_sees_all,
+    specular_bodies,
+)
 from simrig.planning.effects import ANTI_ALIASING, SCENE_EFFECTS, SPECTRAL
 from simrig.planning.environment import ENVIRONMENT, decide_environment, without_map
 from simrig.planning.expectation import expectation
@@ -145,7 +150,9 @@ def plan_subject(
     noise = tolerance.times(_noise_share(sampled, tolerance, left_out(decisions) + missing))
     (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
     spp, smoothing, random = _samples(sampled, smoothing, noise, seconds)
-    if sampled.hopeless(noise):
+    followed = integrator["type"] == light_tracer()["type"]
+    caustic = not followed and sampled.mostly_rare(noise, spp) and specular_bodies(subject)
+    if sampled.hopeless(noise) or caustic:
         doubts = (*doubts, _RARE)
     settings = {
         "integrator": integrator["type"],

@@ -63,6 +63,10 @@ class SampledSubject:
         """Whether no number of samples says how far the picture is off."""
         return not self.subject.source.pixel_centres and self._noise(tolerance).tail.hopeless
 
+    def mostly_rare(self, tolerance: Tolerance, spp: int) -> bool:
+        """Return whether most of the noise of ``spp`` samples is of events that few pixels met."""
+        return not self.subject.source.pixel_centres and self._noise(tolerance).mostly_rare(spp)
+
     def heavy_tailed(self, tolerance: Tolerance) -> bool:
         """Whether few of the samples carry much, so that more of them would tell more."""
         return self._noise(tolerance).tail.heavy
