@@ -139,7 +139,7 @@ def _until_it_ends(
             ended = True
             _compare(report, place, whole)
         else:
-            report.defects[f"a start failed: {error}"] += 1
+            report.defects[f"a start failed ({code}): {error}"] += 1
             ended = True
         yield
 
@@ -197,8 +197,9 @@ def _start(
             _, error = process.communicate(timeout=moment)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.communicate()
-            return (None if at_change else process.returncode), ""
+            _, error = process.communicate()
+            if at_change:
+                return None, ""
     lines = error.strip().splitlines()
     return process.returncode, lines[-1] if lines else ""
 
