@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +23,13 @@ def kept_btf(
     *,
     bounces: int | str = AUTO,
     seed: int = 0,
-    variant: str = "auto",
-    progress: Callable[..., None] | None = None,
+    **how: Any,
 ) -> BtfStack:
     """Return a measured BTF, from its file where it has been measured before.
 
     Args:
         path: an HDF5 file, whose folder is made; None measures in memory.
-        tile, angles, resolution, spp, orders, seed, variant, progress: of ``measure_btf``.
+        tile, angles, resolution, spp, bounces, seed, how: of ``measure_btf``.
 
     Raises:
         SimrigError: what ``measure_btf`` refuses, or a file that holds another measurement.
@@ -54,17 +52,8 @@ def kept_btf(
             Path(path).parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SimrigError(f"cannot write '{path}': {error.strerror}") from error
-    return measure_btf(
-        tile,
-        angles,
-        resolution,
-        spp,
-        bounces=bounces,
-        seed=seed,
-        path=path,
-        variant=variant,
-        progress=progress,
-    )
+    how |= {"path": path, "bounces": bounces, "seed": seed}
+    return measure_btf(tile, angles, resolution, spp, **how)
 
 
 def _check_same(
