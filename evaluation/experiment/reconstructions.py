@@ -13,6 +13,7 @@ from simrig.core.cost import Cost, stopwatch
 from simrig.core.effects import parse_tolerance
 from simrig.evaluation.experiment.checkpoint import MEASURING, Parts, Steps
 from simrig.evaluation.experiment.config import BOTH_SLICE_TYPES, NO_EFFECTS, MeasurementSettings
+from simrig.files.checkpoint import Checkpoint
 from simrig.files.hdf5 import write_brdf
 from simrig.methods import METHODS, Reconstructed
 from simrig.plans.auto.plan import AutomaticPlan
@@ -149,7 +150,10 @@ class MeasurementRunner:
     def _measured(self, plan: Planned) -> Measurement:
         path = self.folder / "measurements" / f"{plan.key}.h5"
         name = f"measurement {plan.key}"
+        checkpoint = path.with_suffix(MEASURING)
         if self.parts.get(name):
+            if checkpoint.is_dir():  # a kill came between the two
+                Checkpoint.forget(checkpoint)
             return Measurement.load(path)
         wanted = self.settings.tolerance
 
@@ -161,7 +165,7 @@ class MeasurementRunner:
             self.truth,
             plan.plan,
             tolerance=None if wanted == NO_EFFECTS else parse_tolerance(wanted),
-            checkpoint=path.with_suffix(MEASURING),
+            checkpoint=checkpoint,
             keep=keep,
             progress=self.steps.within,
         )
