@@ -123,7 +123,9 @@ def _timeless(value: Any) -> Any:
     """Return plain values without those that tell how long something took."""
     if isinstance(value, dict):
         return {key: _timeless(item) for key, item in value.items() if not _TIME.search(key)}
-    return [_timeless(item) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):  # also of names: what is best in time differs
+        return [_timeless(v) for v in value if not (isinstance(v, str) and _TIME.search(v))]
+    return value
 
 
 def _table(path: Path) -> bytes:
