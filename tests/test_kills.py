@@ -152,3 +152,12 @@ def test_killed_commands_end_in_the_same_bits() -> None:
 def test_a_command_that_fails_is_no_defect_of_kills() -> None:
     with pytest.raises(RuntimeError, match="unknown material"):
         kills.stability_of_kills(1, jobs=[Job("x", (("measure", "x", "-o", "out.h5"),), "out.h5")])
+
+
+def test_a_lock_that_a_kill_left_beside_a_finished_folder_goes(tmp_path: Path) -> None:
+    with output_folder(tmp_path / "out", False, {}) as folder:
+        (folder / "a.txt").write_text("a")
+    (tmp_path / ".out.lock").write_text("1")
+    with pytest.raises(SimrigError, match="exists"), output_folder(tmp_path / "out", False, {}):
+        pass
+    assert names(tmp_path) == ["out"]

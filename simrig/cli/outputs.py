@@ -78,6 +78,9 @@ def output_folder(path: Path, overwrite: bool, request: Mapping[str, Any]) -> It
     """
     given, path = path, _resolved(path)
     partial, lock = _working_places(path)
+    if path.is_dir() and _lock_beside(path).exists():
+        with suppress(SimrigError), _locked(_lock_beside(path), given):
+            pass  # left by a kill just after the folder got its name
     if partial.is_dir():
         with _locked(lock, given), _errors_of_the_system(given):
             _finish_move(partial, path)
