@@ -14,8 +14,9 @@ from simrig.files.heaps import check_heaps
 from simrig.files.load import load_material
 
 
+@pytest.mark.parametrize("reserved", [0, 0xBB])
 @pytest.mark.parametrize("size", [0, 8, 2**64 - 8, 10**6])
-def test_a_heap_that_cannot_be_walked_is_refused(tmp_path: Path, size: int) -> None:
+def test_a_heap_that_cannot_be_walked_is_refused(tmp_path: Path, size: int, reserved: int) -> None:
     path = tmp_path / "a.h5"
     write_brdf(path, Lambert())
     check_heaps(path)
@@ -27,6 +28,7 @@ def test_a_heap_that_cannot_be_walked_is_refused(tmp_path: Path, size: int) -> N
         (length,) = struct.unpack_from("<Q", content, here + 8)
         here += 16 + (length + 7) // 8 * 8
     struct.pack_into("<Q", content, here + 8, size)
+    content[heap + 6] = reserved
     path.write_bytes(content)
     for read in (read_brdf, load_material):
         refused("its heap at byte", read, path)

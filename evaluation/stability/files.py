@@ -9,6 +9,7 @@ Run ``simrig stability --files SECONDS``.
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import random
 import resource
@@ -113,11 +114,15 @@ def stability_of_files(
 
 
 def _died(temporary: Path, kept: Path, run: int, code: int) -> dict[str, Any]:
-    """Return the outcome of a process that did not survive its last file."""
+    """Return the outcome of a process that did not survive its last file, or hung in it."""
     last = max(temporary.glob("mutated.*"), key=lambda path: path.stat().st_mtime_ns)
     place = kept / f"died-{run}{last.suffix}"
     place.write_bytes(last.read_bytes())
-    return {"kind": last.suffix, "outcome": f"the process died ({code})", "kept": str(place)}
+    return {
+        "kind": last.suffix,
+        "outcome": f"the process died or hung ({code})",
+        "kept": str(place),
+    }
 
 
 def whole_files(folder: Path) -> dict[str, Path]:
@@ -232,6 +237,8 @@ def _hang(*_: Any) -> None:
 
 def _outcome(read: Callable[[Path], Any], path: Path) -> str:
     signal.alarm(_HANG_SECONDS)
+    # a loop in a library's C code does not let the alarm through: the process ends then
+    faulthandler.dump_traceback_later(2 * _HANG_SECONDS, exit=True)
     try:
         read(path)
     except SimrigError as error:
@@ -244,6 +251,7 @@ def _outcome(read: Callable[[Path], Any], path: Path) -> str:
         return f"{type(error).__name__} in {place.name}: {error}"[:_LONGEST]
     finally:
         signal.alarm(0)
+        faulthandler.cancel_dump_traceback_later()
     return "read"
 
 

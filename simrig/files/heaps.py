@@ -1,8 +1,9 @@
 """Damaged heaps of HDF5 files, over which the HDF5 library (1.14) loops for ever.
 
 Texts of any length, attributes for example, stand in global heap collections: ``GCOL``, version 1,
-three zeros, the size, then objects of 16 bytes and their data (HDF5 file format, III.E). The
-library walks them by the sizes that they state and does not ask whether it gets on.
+three reserved bytes, the size (4,096 at least), then objects of 16 bytes and their data (HDF5 file
+format, III.E). The library walks them by the sizes that they state and does not ask whether it gets
+on; it does not look at the reserved bytes either.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from pathlib import Path
 
 from simrig.core.errors import SimrigError
 
-_SIGNATURE = b"GCOL\x01\x00\x00\x00"
+_SIGNATURE = b"GCOL\x01"
+_RESERVED = b"\x00\x00\x00"
 _HEADER, _OBJECT = 16, 16  # bytes
+_LEAST = 4096  # bytes of a heap; the library refuses smaller ones itself
 _SEARCHED = 1 << 28  # bytes of a file; of larger ones the beginning and the end
 
 
@@ -45,6 +48,8 @@ def _walks(content: mmap.mmap, place: int, file_size: int) -> bool:
         return False
     (size,) = struct.unpack_from("<Q", content, place + 8)
     end = place + size
+    if content[place + 5 : place + 8] != _RESERVED and not _LEAST <= size <= file_size - place:
+        return True  # values that happen to look like a signature: no heap that is ever walked
     if size < _HEADER or end > file_size:
         return False
     here = place + _HEADER
