@@ -185,7 +185,7 @@ def test_small_budgets_get_better_and_say_how_good_they_are():
 
 
 @pytest.mark.slow
-def test_a_pilot_that_sees_reciprocity_where_there_is_none_is_overruled():
+def test_a_pilot_that_sees_reciprocity_where_there_is_none_is_doubted_then_overruled():
     class Deceived(AutomaticPlan):
         def batches(self):
             work = super().batches()
@@ -199,11 +199,15 @@ def test_a_pilot_that_sees_reciprocity_where_there_is_none_is_overruled():
                 except StopIteration as end:
                     return end.value
 
-    measurement = Gonioreflectometer().measure(OneWay(), Deceived(300))
+    # a fifth of 300 values is false: no model fits, and the prediction says so
+    few = Gonioreflectometer().measure(OneWay(), Deceived(300)).provenance["found"]
+    assert few["predicted_delta_e"] > 0.5
+    measurement = Gonioreflectometer().measure(OneWay(), Deceived(1000))
     told = measurement.provenance["found"]
+    assert told["predicted_delta_e"] < 0.3
     assert "then isotropic, not reciprocal" in told["why"]
     assert told["reciprocity"].startswith("reciprocity was not assumed")
-    assert off(OneWay(), made(measurement), displayed_pairs(2000, REACH, REACH, 9)).mean() < 0.1
+    assert off(OneWay(), made(measurement), displayed_pairs(2000, REACH, REACH, 9)).mean() < 0.02
 
 
 def _pairs_of(measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
