@@ -163,6 +163,7 @@ def change_plan(file: h5py.File, **settings) -> None:
         (lambda f: f["values"].__setitem__(3, np.nan), "NaN"),
         (lambda f: f["layout/knot_sample"].__setitem__(0, 10**9), "do not fit"),
         (lambda f: f["layout/knot_position"].__setitem__(1, 0.0), "do not ascend"),
+        (lambda f: f["layout/knot_position"].__setitem__(slice(1, 3), np.inf), "do not ascend"),
         (lambda f: change_plan(f, azimuth_step=0.3), "divide 360"),
         (lambda f: change_plan(f, theta_step="wide"), "malformed"),
         (lambda f: change_plan(f, nonsense=1), "malformed"),

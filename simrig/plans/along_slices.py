@@ -157,7 +157,7 @@ class SlicePlan(Plan):
             raise SimrigError("it misses intersections of its slices")
         inside = np.ones(len(position), dtype=bool)
         inside[first[1:-1]] = False
-        if not np.all(np.diff(position)[inside[1:]] > 0.0):  # false for NaN
+        if not np.all((position[1:] > position[:-1])[inside[1:]]):  # false for NaN
             raise SimrigError("positions along a slice do not ascend")
 
     def probe(self, most: int) -> SlicePlan:
