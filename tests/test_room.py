@@ -103,7 +103,7 @@ def test_distances_are_predicted_from_the_images_at_hand() -> None:
     parts = {"walls": shown, "aisle": coarse, "carpet": shown}
     probed = []
     found = distances_mm("predicted", parts, lambda *call: probed.append(call))
-    assert [name for _, _, name in probed] == [shown.stack.name, "twill_blue"]
+    assert probed == [(0, 2, shown.stack.name), (1, 2, "twill_blue"), (2, 2)]
     stimulus, known = btf_stimulus(shown.stack), PRESETS["twill_blue"].structure.element_mm
     free, given = (1000.0 * probe(stimulus, size).distances_m["saliency"] for size in (None, known))
     assert found == {"walls": free, "aisle": given, "carpet": free}
