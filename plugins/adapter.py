@@ -47,15 +47,16 @@ def define_adapter() -> type:
 
         def __init__(self, props: Any, brdf: Brdf | None = None, rotation_deg: float = 0.0) -> None:
             check_vectorised(f"'{props.plugin_name()}'")
-            super().__init__(props)
             if brdf is None:
                 rotation_deg = number(props, "rotation", 0.0)
-                brdf = self.build(props)
+                brdf = type(self).build(props)
             if not brdf.in_kernels:
                 raise SimrigError(
                     f"'{brdf.name}' is too slow to render: tabulate it first (resample_dense, or "
                     "'simrig reconstruct')"
                 )
+            # from here on Mitsuba's kernels may call it: what can be refused was refused before
+            super().__init__(props)
             self.brdf = brdf
             self.data = _device_copies(brdf, mi)
             self._prepare()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import sys
 from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +15,7 @@ import pytest
 
 from simrig.brdf.tables.dense import DenseTable
 from simrig.btf.synthetic import bumps
+from simrig.core.errors import SimrigError
 from simrig.files.btf.hdf5 import write_btf
 from simrig.files.load import ReadOptions, save_material
 from simrig.plugins.manual import DOCUMENTED, with_manual
@@ -87,3 +89,23 @@ def test_a_slice_is_recovered_from_pictures(variant_llvm):
     before, after = load_example("recover_slice").recover()
     assert before > 0.5
     assert after < 0.15
+
+
+def test_a_refused_plugin_is_never_called(variant_llvm, monkeypatch):
+    """A notebook keeps the last traceback, and with it what was half built."""
+    kept = []
+
+    def refuse(*_):
+        kept.append(sys._getframe())
+        raise SimrigError("refused")
+
+    monkeypatch.setattr("simrig.plugins.named._load", refuse)
+    with pytest.raises(RuntimeError, match="refused"):
+        mi.load_dict({"type": "simrig_table", "filename": "a.h5"})
+    kurt = {"type": "simrig_kurt", "material": "fabric112"}
+    scene = {"type": "scene", "light": {"type": "constant"}, "a": {"type": "sphere", "bsdf": kurt}}
+    scene["b"] = {"type": "sphere", "center": [3, 0, 0], "bsdf": {"type": "diffuse"}}
+    scene["sensor"] = {"type": "perspective", "film": {"type": "hdrfilm", "width": 8, "height": 8}}
+    scene["integrator"] = {"type": "path", "max_depth": 3}
+    assert np.isfinite(np.array(mi.render(mi.load_dict(scene), spp=4))).all()
+    assert kept
