@@ -44,20 +44,21 @@ def define_lod() -> type:
 
         def __init__(self, props: Any) -> None:
             check_vectorised("'simrig_lod'")
-            super().__init__(props)
             for name in ("near", "far"):
                 if name not in props or not isinstance(props[name], mi.BSDF):
                     raise SimrigError(f"simrig_lod: '{name}' must be a nested BSDF")
-            self.near, self.far = props["near"], props["far"]
             if "distance" not in props:
                 raise SimrigError("simrig_lod: the parameter 'distance' (mm) is missing")
-            self.distance = to_number(number(props, "distance", 0.0), mi)
-            self.fade = number(props, "fade", 0.0)
-            self.unit = number(props, "unit", 1.0)
-            if as_float(self.distance) < 0.0 or self.fade < 0.0 or self.unit <= 0.0:
+            distance = number(props, "distance", 0.0)
+            fade, unit = number(props, "fade", 0.0), number(props, "unit", 1.0)
+            if distance < 0.0 or fade < 0.0 or unit <= 0.0:
                 raise SimrigError(
                     "simrig_lod: 'distance' and 'fade' must be at least 0 mm and 'unit' above 0"
                 )
+            # refused before: from here on Mitsuba's kernels may call it
+            super().__init__(props)
+            self.near, self.far = props["near"], props["far"]
+            self.distance, self.fade, self.unit = to_number(distance, mi), fade, unit
             # one component: a context that asks for a type reaches both
             self.m_flags = self.near.flags() | self.far.flags()
             self.m_components = [self.m_flags]

@@ -43,32 +43,28 @@ def planned_subject(
     Raises:
         SimrigError: a scene that cannot be built, or a variant in which nothing can be planned.
     """
-    before = mi.variant()
-    try:
-        if isinstance(scene, SceneSubject):
-            scene_source_in(scene.scene, "auto")
-            yield scene
-        else:
-            with rendering.timed() as clock:
-                source = scene_source_in(scene, variant, sensor)
-            refuse_polarisation(backend.current())
-            subject = _in_a_variant(source, overrides, exposure)
-            subject.seconds += clock.run_seconds
-            yield subject
-    except RuntimeError as error:
-        raise SimrigError(
-            f"the scene cannot be rendered in the variant '{mi.variant()}': {_forgotten(error)}"
-        ) from None
-    finally:
-        if before is not None and mi.variant() != before:
-            mi.set_variant(before)
+    with _variant_put_back():
+        try:
+            if isinstance(scene, SceneSubject):
+                scene_source_in(scene.scene, "auto")
+                yield scene
+            else:
+                with rendering.timed() as clock:
+                    source = scene_source_in(scene, variant, sensor)
+                refuse_polarisation(backend.current())
+                subject = _in_a_variant(source, overrides, exposure)
+                subject.seconds += clock.run_seconds
+                yield subject
+        except RuntimeError as error:
+            raise SimrigError(
+                f"the scene cannot be rendered in the variant '{mi.variant()}': {_forgotten(error)}"
+            ) from None
 
 
 @contextmanager
 def subject_of_plan(scene: Any, plan: EffectPlan) -> Iterator[SceneSubject]:
     """Load a scene in the variant of its plan, which is set while the context lasts."""
-    before = mi.variant()
-    try:
+    with _variant_put_back():
         if isinstance(scene, SceneSubject):
             scene_source_in(scene.scene, "auto")
             yield scene
@@ -76,6 +72,14 @@ def subject_of_plan(scene: Any, plan: EffectPlan) -> Iterator[SceneSubject]:
             sensor = plan.settings.get("sensor", 0)
             source = scene_source_in(scene, plan.settings["variant"], sensor)
             yield SceneSubject(source, plan.about.get("exposure"))
+
+
+@contextmanager
+def _variant_put_back() -> Iterator[None]:
+    """Set the variant of before again when the context ends."""
+    before = mi.variant()
+    try:
+        yield
     finally:
         if before is not None and mi.variant() != before:
             mi.set_variant(before)
