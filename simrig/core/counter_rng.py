@@ -40,6 +40,23 @@ def normals(angles: np.ndarray, seed: int, stream: int, count: int) -> np.ndarra
     return ndtri(uniforms(angles, seed, stream, count))
 
 
+def hashed(counter: tuple[int, ...], count: int) -> np.ndarray:
+    """Return the hash of each of ``count`` items of something that whole numbers name.
+
+    Args:
+        counter: whole numbers >= 0, for example a seed, a picture and a stream.
+        count: items, for example pixels; the first ones are the same for any count.
+
+    Returns:
+        uint64 (count,), all 64 bits of which are random.
+    """
+    with np.errstate(over="ignore"):
+        state = np.zeros(1, dtype=np.uint64)
+        for number in counter:
+            state = _mix(state ^ np.uint64(number))
+        return _mix(state + _GOLDEN * np.arange(count, dtype=np.uint64))
+
+
 def _mix(state: np.ndarray) -> np.ndarray:
     state = state + _GOLDEN
     state = (state ^ (state >> np.uint64(30))) * _FIRST

@@ -1,0 +1,1 @@
+"""Rigs that record pictures as their sensor would, and make values of them."""
