@@ -17,6 +17,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from simrig.core.errors import SimrigError, check_known, unknown_name
 from simrig.files.text import read_toml
+from simrig.instruments.calibration import Alternative, Calibration, check_alternatives
 from simrig.instruments.instrument import AXES
 from simrig.instruments.quantity import (
     AtLeastOne,
@@ -26,6 +27,8 @@ from simrig.instruments.quantity import (
     Quantity,
     Share,
     between,
+    check_groups,
+    quantities_of,
 )
 
 SHIPPED = {
@@ -93,11 +96,15 @@ class Sample(Part):
         diameter_mm: of the material; around it lies a border.
         border_albedo: of that border.
         spot_diameter_mm: of the area over which a value is averaged.
+        height_mm: of the surface above the point that the axes turn about.
+        tilt_deg: of the surface's normal, about x and about y each.
     """
 
     diameter_mm: Positive
     border_albedo: Share = _ZERO
     spot_diameter_mm: Positive
+    height_mm: Annotated[Quantity, between(-100.0, 100.0)] = _ZERO
+    tilt_deg: Annotated[Quantity, between(-10.0, 10.0)] = _ZERO
 
 
 class Camera(Part):
@@ -112,6 +119,7 @@ class Camera(Part):
         saturation_per_sr: radiance at which the shortest exposure saturates, over the irradiance
             at normal incidence.
         exposure_range_ev: binary logarithm of the longest over the shortest exposure.
+        PRNU_pct: standard deviation of the pixels' response, in per cent of it.
     """
 
     distance_mm: Positive
@@ -121,6 +129,7 @@ class Camera(Part):
     pixels_averaged: Annotated[int, Field(ge=1)]
     saturation_per_sr: Positive
     exposure_range_ev: NotNegative
+    PRNU_pct: Annotated[Quantity, between(0.0, 100.0)] = _ZERO
 
 
 class Lens(Part):
@@ -145,12 +154,14 @@ class Light(Part):
         non_uniformity: irradiance at the rim of the spot over that at its centre, less 1, that
             remains after the calibration.
         stray: radiance of stray light over that of a white diffuser.
+        drift_pct_h: of its intensity, in per cent an hour.
     """
 
     distance_mm: Positive
     diameter_mm: NotNegative = _ZERO
     non_uniformity: NotNegative = _ZERO
     stray: NotNegative = _ZERO
+    drift_pct_h: Annotated[Quantity, between(-100.0, 100.0)] = _ZERO
 
 
 class Mirror(Part):
@@ -209,6 +220,8 @@ class GonioreflectometerDescription(Description):
     light: Light
     mirror: Mirror | None = None
     timing: SampleTiming
+    calibration: Calibration = Calibration()
+    alternative: list[Alternative] = []
 
 
 class GantryDescription(Description):
@@ -270,9 +283,13 @@ def described(table: Mapping[str, Any]) -> Description:
     check_known("kind of instrument", about["kind"], KINDS)
     kind = KINDS[about["kind"]]
     try:
-        return kind.model_validate(table)
+        made = kind.model_validate(table)
     except ValidationError as error:
         raise _refused(kind, error) from error
+    numbers = quantities_of(made)
+    check_groups(numbers)
+    check_alternatives(numbers, getattr(made, "alternative", ()))
+    return made
 
 
 def _refused(kind: type[BaseModel], error: ValidationError) -> SimrigError:
@@ -309,7 +326,7 @@ def _known_keys(kind: type[BaseModel], where: tuple[int | str, ...]) -> list[str
     """Return the keys of the table at a place; those of a quantity are its own four."""
     model: Any = kind
     for step in where:
-        if isinstance(step, str):
+        if isinstance(step, str) and model is not Quantity:  # a key of a table of quantities
             annotation = model.model_fields[step].annotation
             inner = getattr(annotation, "__args__", None) or (annotation,)
             tables = (a for a in inner if isinstance(a, type) and issubclass(a, BaseModel))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
+
+from simrig.core.errors import SimrigError
 
 
 class Part(BaseModel):
@@ -40,6 +43,41 @@ class Quantity(Part):
         if self.u < 0.0:
             raise ValueError(f"the standard uncertainty u must be >= 0, got {self.u:g}")
         return self
+
+
+def quantities_of(part: BaseModel, within: str = "") -> dict[str, Quantity]:
+    """Return the numbers of an instrument by ``table.key``; of tables in a list, by their name."""
+    found: dict[str, Quantity] = {}
+    for key in type(part).model_fields:
+        value = getattr(part, key)
+        if isinstance(value, Quantity):
+            found[f"{within}{key}"] = value
+        elif isinstance(value, BaseModel):
+            found |= quantities_of(value, f"{within}{key}.")
+        elif isinstance(value, list):
+            for one in value:
+                if isinstance(one, BaseModel):
+                    found |= quantities_of(one, f"{within}{key}.{getattr(one, 'name', '')}.")
+    return found
+
+
+def check_groups(quantities: Mapping[str, Quantity]) -> None:
+    """Refuse groups whose quantities do not say one distribution: they are drawn as one.
+
+    Raises:
+        SimrigError: naming the group and two of its quantities.
+    """
+    first: dict[str, str] = {}
+    for path, quantity in quantities.items():
+        if quantity.group is None or not quantity.u:
+            continue
+        other = first.setdefault(quantity.group, path)
+        if quantities[other].dist != quantity.dist:
+            raise SimrigError(
+                f"group '{quantity.group}' is drawn as one, but '{other}' says dist = "
+                f"'{quantities[other].dist}' and '{path}' says '{quantity.dist}': give both the "
+                "same dist, or groups of their own"
+            )
 
 
 def between(least: float, most: float = math.inf) -> AfterValidator:
