@@ -53,7 +53,7 @@ def test_what_cannot_be_is_refused_in_one_line() -> None:
         (changed("calibration", linearity={"value": 0, "unc": 1}), "unc"),
         (changed("calibration", linearity=7.0), "from -1 to 1"),
         (changed("alternative", price_eur=-1), "must be >= 0"),
-        (changed("alternative", replaces={}), "at least 1"),
+        (changed("alternative", replaces={}), "at least one number"),
         (changed("alternative", replaces={"axis.repeatabilty_deg": 0.1}), "repeatability_deg"),
         (changed("alternative", replaces={"camera.mu_sat_e": {"value": 1, "v": 2}}), "'v'"),
         (changed("alternative", name="light with a monitor diode"), "twice"),

@@ -1,8 +1,8 @@
 """What an instrument's calibration leaves, and what could be bought in its place.
 
-Both serve the uncertainty budget (docs/uncertainty.md). A residual is what remains of an error after
-the instrument was calibrated: its ``value`` is the expected rest, mostly 0, its ``u`` how well that
-is known. A residual that is left out has no stated uncertainty, and the budget says so.
+Both serve the uncertainty budget (docs/uncertainty.md). A residual is what remains of an error
+after the instrument was calibrated: its ``value`` is the expected rest, mostly 0, its ``u`` how
+well that is known. One that is left out has no stated uncertainty, and the budget says so.
 """
 
 from __future__ import annotations
@@ -10,13 +10,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from simrig.core.errors import SimrigError, check_known
 from simrig.instruments.quantity import NotNegative, Part, Positive, Quantity, between
 
 Residual = Annotated[Quantity, between(-1.0, 1.0)]
 _ZERO = Quantity(value=0.0)
+
+
+def _not_empty(replaces: dict[str, Quantity]) -> dict[str, Quantity]:
+    if not replaces:
+        raise ValueError("must name at least one number that it changes")
+    return replaces
 
 
 class Calibration(Part):
@@ -54,7 +60,7 @@ class Alternative(Part):
 
     name: Annotated[str, Field(min_length=1)]
     price_eur: NotNegative
-    replaces: Annotated[dict[str, Quantity], Field(min_length=1)]
+    replaces: Annotated[dict[str, Quantity], AfterValidator(_not_empty)]
 
 
 def check_alternatives(known: Iterable[str], alternatives: Iterable[Alternative]) -> None:

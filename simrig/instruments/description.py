@@ -221,7 +221,7 @@ class GonioreflectometerDescription(Description):
     mirror: Mirror | None = None
     timing: SampleTiming
     calibration: Calibration = Calibration()
-    alternative: list[Alternative] = []
+    alternative: Annotated[list[Alternative], Field(default_factory=list)]
 
 
 class GantryDescription(Description):
