@@ -19,7 +19,7 @@ STRUCTURES = {"core", "mesostructure"}
 RECORDINGS = MATERIALS | {"files", "plans", "instruments"}
 RECONSTRUCTION = RECORDINGS | {"reconstruction"}
 RIGS = RECONSTRUCTION | STRUCTURES | {"plugins", "scenes"}
-PICTURES = RIGS | {"rigs", "rendering", "planning", "perception", "methods"}
+PICTURES = RIGS | {"rigs", "rendering", "planning", "perception", "methods", "imaging"}
 EVERYTHING = PICTURES | {"viewing", "evaluation", "doctor"}
 
 # room: the rooms that it may import (docs/architecture.md says the same in words)
@@ -29,6 +29,7 @@ MAY_IMPORT = {
     "brdf": {"core", "directions"},
     "btf": {"core", "directions", "brdf"},
     "files": MATERIALS,
+    "imaging": {"core"},
     "instruments": {"core", "files"},
     "mesostructure": {"core"},
     "plans": MATERIALS,

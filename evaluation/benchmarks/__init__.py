@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from simrig.evaluation.benchmarks import planned, plugins, sampling, storage
+from simrig.evaluation.benchmarks import merging, planned, plugins, sampling, storage
 from simrig.evaluation.benchmarks.btf import measurement as btf_measurement
 from simrig.evaluation.benchmarks.btf import rendering as btf
 from simrig.evaluation.benchmarks.whole_array import methods as whole_array
@@ -15,6 +15,7 @@ from simrig.evaluation.benchmarks.whole_array import methods as whole_array
 BENCHMARKS: dict[str, ModuleType] = {
     "btf": btf,
     "btf-measurement": btf_measurement,
+    "merging": merging,
     "planned": planned,
     "plugins": plugins,
     "sampling": sampling,

@@ -1,0 +1,1 @@
+"""From pictures that a camera recorded to values: arrays in, arrays out (docs/imaging.md)."""
