@@ -47,9 +47,12 @@ def with_key(table: str, key: str, value: object) -> dict:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_what_comes_with_simrig_is_a_rig(name: str) -> None:
     description = shipped(name)
+    assert described(description.model_dump(mode="json")) == description
+    if description.instrument.kind not in RIGS:
+        refused("no rig measures with", rig_of, description)
+        return
     rig = rig_of(description)
     assert rig.name == description.instrument.kind
-    assert described(description.model_dump(mode="json")) == description
     assert rig.instrument_facts()["name"] == description.instrument.name
 
 

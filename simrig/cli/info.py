@@ -8,7 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
+from simrig.cli.instrument import instrument
 from simrig.cli.reading import Reading
+from simrig.core.errors import SimrigError
 
 
 def info(
@@ -21,11 +23,16 @@ def info(
 ) -> frame.Report:
     """Say what a file is, what it says about its values, and what simrig would make of it.
 
-    Pictures, materials, measurements, BTFs, folders and archives of pictures; other files are
-    named for what they are. The file is read whole, so damage is found.
+    Pictures, materials, measurements, BTFs, instruments, folders and archives of pictures; others
+    are named for what they are. The file is read whole, so damage is found.
     """
     from simrig.files.describe import describe
 
+    if _is_instrument(file):
+        stated = [*reading.options().stated, *(["--layer"] if layer else [])]
+        if stated:
+            raise SimrigError(f"'{file}' is an instrument: leave out {', '.join(stated)}")
+        return instrument(str(file))
     about = describe(file, reading.options(), layer)
     rows: list[tuple[str, Any]] = [("kind", about.kind), ("format", about.format)]
     rows += [(f"says: {key}", frame.plain(value)) for key, value in about.says.items()]
@@ -33,6 +40,15 @@ def info(
     rows += [(key, _shown(value)) for key, value in about.facts.items()]
     rows += [("use", use) for use in about.use or ["none: simrig does not read it"]]
     return frame.Report(about.as_dict(), [frame.table(("property", "value"), rows)])
+
+
+def _is_instrument(file: Path) -> bool:
+    from simrig.files.text import read_toml
+
+    if file.suffix.lower() != ".toml":
+        return False
+    about = read_toml(file, "an instrument").get("instrument")
+    return isinstance(about, dict) and "kind" in about
 
 
 def _shown(value: Any) -> Any:

@@ -11,197 +11,40 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from simrig.core.errors import SimrigError, check_known, unknown_name
 from simrig.files.text import read_toml
 from simrig.instruments.calibration import Alternative, Calibration, check_alternatives
-from simrig.instruments.instrument import AXES
-from simrig.instruments.quantity import (
-    AtLeastOne,
-    NotNegative,
-    Part,
-    Positive,
-    Quantity,
-    Share,
-    between,
-    check_groups,
-    quantities_of,
+from simrig.instruments.parts import (
+    About,
+    Axis,
+    Camera,
+    Coupling,
+    Dome,
+    Ellipsoid,
+    Lens,
+    Light,
+    Mirror,
+    Polar,
+    Registration,
+    Sample,
+    SampleTiming,
+    SliceTiming,
+    each_once,
 )
+from simrig.instruments.quantity import Part, Quantity, check_groups, quantities_of
 
 SHIPPED = {
     "utia": "utia.toml",
     "utia-btf": "utia_btf.toml",
     "merkur-gantry": "merkur_gantry.toml",
     "steady-gantry": "steady_gantry.toml",
+    "dome-151": "dome_151.toml",
+    "reflector": "reflector.toml",
 }
-
-_ZERO = Quantity(value=0.0)
-
-
-def _checked_range(ends: list[float]) -> list[float]:
-    if not ends[0] < ends[1]:
-        raise ValueError(f"must be two ascending angles, got {ends}")
-    return ends
-
-
-class About(Part):
-    """``[instrument]``: what it is.
-
-    Attributes:
-        name: for people.
-        kind: which rig works with it, a key of ``KINDS``.
-        version: of the file's numbers.
-        source: where they come from.
-    """
-
-    name: Annotated[str, Field(min_length=1)]
-    kind: str
-    version: str = "1"
-    source: str = ""
-
-
-class Axis(Part):
-    """``[[axis]]``: one motion.
-
-    Attributes:
-        name: of ``AXES``, the angle that it sets.
-        range_deg: what it reaches.
-        repeatability_deg: largest error of a move (±), uniform, independent from move to move.
-        offset_deg: of its zero, the same in all moves.
-    """
-
-    name: Literal["theta_i", "theta_v", "phi_i", "phi_v"]
-    range_deg: Annotated[
-        list[float], Field(min_length=2, max_length=2), AfterValidator(_checked_range)
-    ]
-    repeatability_deg: NotNegative = _ZERO
-    offset_deg: Annotated[Quantity, between(-10.0, 10.0)] = _ZERO
-
-
-def _each_once(axes: list[Axis]) -> list[Axis]:
-    names: list[str] = [axis.name for axis in axes]
-    for name in AXES:
-        if names.count(name) != 1:
-            raise ValueError(f"one [[axis]] named '{name}' is needed, got {names.count(name)}")
-    return axes
-
-
-class Sample(Part):
-    """``[sample]``: what lies under the instrument.
-
-    Attributes:
-        diameter_mm: of the material; around it lies a border.
-        border_albedo: of that border.
-        spot_diameter_mm: of the area over which a value is averaged.
-        height_mm: of the surface above the point that the axes turn about.
-        tilt_deg: of the surface's normal, about x and about y each.
-    """
-
-    diameter_mm: Positive
-    border_albedo: Share = _ZERO
-    spot_diameter_mm: Positive
-    height_mm: Annotated[Quantity, between(-100.0, 100.0)] = _ZERO
-    tilt_deg: Annotated[Quantity, between(-10.0, 10.0)] = _ZERO
-
-
-class Camera(Part):
-    """``[camera]``: the sensor (symbols of EMVA 1288).
-
-    Attributes:
-        distance_mm: from the sample's centre.
-        bits: of the analogue-to-digital converter.
-        mu_sat_e: electrons at which a pixel saturates.
-        sigma_d_e: electrons of dark (read-out) noise.
-        pixels_averaged: in a value.
-        saturation_per_sr: radiance at which the shortest exposure saturates, over the irradiance
-            at normal incidence.
-        exposure_range_ev: binary logarithm of the longest over the shortest exposure.
-        PRNU_pct: standard deviation of the pixels' response, in per cent of it.
-    """
-
-    distance_mm: Positive
-    bits: Annotated[int, Field(ge=1, le=32)]
-    mu_sat_e: AtLeastOne
-    sigma_d_e: NotNegative
-    pixels_averaged: Annotated[int, Field(ge=1)]
-    saturation_per_sr: Positive
-    exposure_range_ev: NotNegative
-    PRNU_pct: Annotated[Quantity, between(0.0, 100.0)] = _ZERO
-
-
-class Lens(Part):
-    """``[lens]``.
-
-    Attributes:
-        f_mm, f_number: focal length and stop; their ratio is the diameter of the aperture.
-        blur_diameter_mm: of a point's picture on the sample where it is in focus.
-    """
-
-    f_mm: Positive
-    f_number: Positive
-    blur_diameter_mm: NotNegative = _ZERO
-
-
-class Light(Part):
-    """``[light]``.
-
-    Attributes:
-        distance_mm: from the sample's centre.
-        diameter_mm: of the emitting area.
-        non_uniformity: irradiance at the rim of the spot over that at its centre, less 1, that
-            remains after the calibration.
-        stray: radiance of stray light over that of a white diffuser.
-        drift_pct_h: of its intensity, in per cent an hour.
-    """
-
-    distance_mm: Positive
-    diameter_mm: NotNegative = _ZERO
-    non_uniformity: NotNegative = _ZERO
-    stray: NotNegative = _ZERO
-    drift_pct_h: Annotated[Quantity, between(-100.0, 100.0)] = _ZERO
-
-
-class Mirror(Part):
-    """``[mirror]``: one around the sample, such as a reflector's.
-
-    Attributes:
-        reflectance: of the mirror.
-        coverage: the part of the hemisphere (by projected solid angle) that it covers.
-    """
-
-    reflectance: Share
-    coverage: Share
-
-
-class SampleTiming(Part):
-    """``[timing]`` of what records sample by sample: (set-up + n · per sample) · overhead.
-
-    Attributes:
-        set_up_s: before the first sample.
-        per_sample_s: to position, expose and transfer one sample.
-        adaptive_overhead: factor for adaptive plans (processing between the iterations).
-    """
-
-    set_up_s: NotNegative
-    per_sample_s: Positive
-    adaptive_overhead: AtLeastOne = Quantity(value=1.0)
-
-
-class SliceTiming(Part):
-    """``[timing]`` of what records whole slices as video.
-
-    Attributes:
-        slice_s: one recording, a full turn of the arms.
-        change_s: between two recordings (lights, gears, camera).
-        cameras: how many record at once, at different polar angles, or ``"all"``.
-    """
-
-    slice_s: Positive
-    change_s: NotNegative
-    cameras: Annotated[int, Field(ge=1)] | Literal["all"] = 1
 
 
 class Description(Part):
@@ -213,20 +56,40 @@ class Description(Part):
 class GonioreflectometerDescription(Description):
     """One light and one camera anywhere above the sample, on four axes."""
 
-    axis: Annotated[list[Axis], AfterValidator(_each_once)]
+    axis: Annotated[list[Axis], AfterValidator(each_once)]
     sample: Sample
     camera: Camera
     lens: Lens
+    other_lens: list[Lens] = Field(default=[])
     light: Light
     mirror: Mirror | None = None
+    registration: Registration | None = None
     timing: SampleTiming
     calibration: Calibration = Calibration()
     alternative: Annotated[list[Alternative], Field(default_factory=list)]
+
+    def with_lens(self, f_mm: float) -> GonioreflectometerDescription:
+        """Return the instrument with another of its lenses.
+
+        Raises:
+            SimrigError: it has none of this focal length.
+        """
+        known = {lens.f_mm.value: lens for lens in (self.lens, *self.other_lens)}
+        if f_mm not in known:
+            lengths = ", ".join(f"{f:g}" for f in sorted(known))
+            raise SimrigError(
+                f"'{self.instrument.name}' has no lens of {f_mm:g} mm: choose one of {lengths} mm"
+            )
+        return self.model_copy(update={"lens": known[f_mm]})
 
 
 class GantryDescription(Description):
     """Lights and cameras at fixed polar angles on two arms that turn around the normal."""
 
+    camera: Polar | None = None
+    light: Polar | None = None
+    coupling: list[Coupling] = Field(default=[])
+    sample: Sample | None = None
     timing: SliceTiming
 
 
@@ -236,10 +99,28 @@ class BtfDescription(Description):
     timing: SampleTiming
 
 
+class DomeDescription(Description):
+    """Cameras and lights that stand around the sample and never move."""
+
+    dome: Dome
+    sample: Sample
+    timing: SampleTiming
+
+
+class ReflectorDescription(Description):
+    """A mirror around the sample, seen and lit along its axis; no axes."""
+
+    reflector: Ellipsoid
+    sample: Sample
+    timing: SampleTiming
+
+
 KINDS: dict[str, type[Description]] = {
     "gonioreflectometer": GonioreflectometerDescription,
     "btf": BtfDescription,
     "gantry": GantryDescription,
+    "dome": DomeDescription,
+    "reflector": ReflectorDescription,
 }
 
 

@@ -55,6 +55,11 @@ def rig_of(description: Description, **options: Any) -> Rig:
     Raises:
         SimrigError: an option that the rig does not have, or numbers that contradict each other.
     """
+    if description.instrument.kind not in RIGS:
+        raise SimrigError(
+            f"no rig measures with an instrument of kind '{description.instrument.kind}' yet: "
+            "'simrig instrument' draws it"
+        )
     kind = RIGS[description.instrument.kind]
     made = checked_options(kind, options, RIGS.values(), "rig")
     try:
