@@ -84,8 +84,10 @@ def _fixed(moves: Any) -> list[tuple[str, np.ndarray, np.ndarray]]:
     if not isinstance(moves, ArmKinematics):
         return [("cameras and lights", *moves.directions.T)]
     phi = np.radians(np.arange(0.0, 360.0, 2.0))
-    both = zip(("lights", "cameras"), moves.polar or ((), ()), strict=True)
-    rings = [(name, *np.meshgrid(theta, phi)) for name, theta in both]
+    rings = [
+        (name, *np.meshgrid(np.asarray(theta), phi))
+        for name, theta in zip(("lights", "cameras"), moves.polar or (), strict=False)
+    ]
     return [(name, theta.ravel(), around.ravel()) for name, theta, around in rings]
 
 
@@ -127,7 +129,8 @@ def _profile(description: ReflectorDescription) -> tuple[np.ndarray, np.ndarray,
     mirror = description.reflector
     across, along = (half.value for half in mirror.semi_axes_mm)
     focus = float(np.sqrt(max(along**2 - across**2, 0.0)))
-    z = np.linspace(*mirror.z_range_mm, 200)
+    low, high = mirror.z_range_mm
+    z = np.linspace(low, high, 200)
     inside = np.clip(1.0 - ((z - focus) / along) ** 2, 0.0, None)
     return across * np.sqrt(inside), z, focus
 

@@ -84,8 +84,8 @@ class Bow:
     @classmethod
     def of(cls, arm: Arm, distance: float) -> Bow:
         """Return an arm of an instrument file."""
-        sizes = (arm.arm_width_mm, arm.head_diameter_mm, arm.head_depth_mm)
-        return cls(distance, *(size.value for size in sizes), arm.over_the_pole)
+        width, head, depth = arm.arm_width_mm, arm.head_diameter_mm, arm.head_depth_mm
+        return cls(distance, width.value, head.value, depth.value, arm.over_the_pole)
 
     def hides(self, theta: np.ndarray, phi: np.ndarray, ray: np.ndarray, beam: float) -> np.ndarray:
         """Return whether the bow stands in rays from the centre, (n,) of bool.
@@ -253,8 +253,8 @@ class DomeKinematics:
         return self.placed(settings)
 
     def _arms(self) -> ArmKinematics:
-        bows = (Bow(distance, 0.0, 0.0, 0.0, False) for distance in (self.light_mm, self.camera_mm))
-        return ArmKinematics(*bows, np.zeros((4, 2)), np.eye(4), 0.0, 0.0)
+        light, camera = (Bow(d, 0.0, 0.0, 0.0, False) for d in (self.light_mm, self.camera_mm))
+        return ArmKinematics(light, camera, np.zeros((4, 2)), np.eye(4), 0.0, 0.0)
 
 
 def kinematics_of(description: Description) -> ArmKinematics | DomeKinematics:
@@ -289,8 +289,8 @@ def kinematics_of(description: Description) -> ArmKinematics | DomeKinematics:
         polar = (np.radians(light.theta_deg), np.radians(camera.theta_deg))
         free = np.array([[0.0, 0.5 * np.pi]] * 2 + [[0.0, _TURN]] * 2)
         sample = 0.5 * description.sample.diameter_mm.value if description.sample else 0.0
-        bows = (Bow.of(part, part.distance_mm.value) for part in (light, camera))
-        return ArmKinematics(*bows, free, np.eye(4), sample, 0.0, polar)
+        lamp, eye = (Bow.of(part, part.distance_mm.value) for part in (light, camera))
+        return ArmKinematics(lamp, eye, free, np.eye(4), sample, 0.0, polar)
     if isinstance(description, DomeDescription):
         dome = description.dome
         directions = np.radians(dome.directions_deg)
