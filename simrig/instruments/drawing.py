@@ -107,7 +107,12 @@ def _from_the_side(axes: Axes, moves: Any) -> None:
             axes.plot(*place, "o", ms=8, color=line[0].get_color())
             words = f"{bow.distance:g} mm" + (", may come over the pole" if bow.over else "")
             axes.annotate(
-                words, place, textcoords="offset points", xytext=(0, 9), ha="center", fontsize=8
+                words,
+                tuple(place),
+                textcoords="offset points",
+                xytext=(0, 9),
+                ha="center",
+                fontsize=8,
             )
         sample = max(moves.sample_mm, 0.02 * moves.camera.distance)
         axes.plot([-sample, sample], [0.0, 0.0], lw=5, color="black", label="sample")
