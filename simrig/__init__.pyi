@@ -17,6 +17,7 @@ from simrig.front_door.pictures import scene as scene
 from simrig.front_door.seeing import critical_distance as critical_distance
 from simrig.front_door.studies import pareto as pareto
 from simrig.front_door.studies import study as study
+from simrig.front_door.uncertainty import budget as budget
 from simrig.rigs.measurements.measurement import Measurement as Measurement
 
 __version__: str
@@ -28,6 +29,7 @@ __all__ = [
     "SimrigError",
     "__version__",
     "average",
+    "budget",
     "compare",
     "critical_distance",
     "load",

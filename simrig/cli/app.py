@@ -11,6 +11,7 @@ from simrig import __version__
 from simrig.cli import (
     ablate,
     audit,
+    budget,
     compare,
     converge,
     convert,
@@ -72,6 +73,7 @@ _COMMANDS: Commands = {
     "distance": distance.distance,
     "distance-map": distance.distance_map,
     "pareto": pareto.pareto,
+    "budget": budget.budget,
     "bench": studies.bench,
     "stability": stability.stability,
 }

@@ -45,19 +45,26 @@ class Quantity(Part):
         return self
 
 
-def quantities_of(part: BaseModel, within: str = "") -> dict[str, Quantity]:
-    """Return the numbers of an instrument by ``table.key``; of tables in a list, by their name."""
+def quantities_of(part: BaseModel, within: str = "", given: bool = False) -> dict[str, Quantity]:
+    """Return the numbers of an instrument by ``table.key``.
+
+    Args:
+        part: the instrument, or one of its tables.
+        within: where the table is; of tables in a list it is their name.
+        given: only numbers that were given, not those that have their default.
+    """
     found: dict[str, Quantity] = {}
-    for key in type(part).model_fields:
+    for key in part.model_fields_set if given else type(part).model_fields:
         value = getattr(part, key)
         if isinstance(value, Quantity):
             found[f"{within}{key}"] = value
         elif isinstance(value, BaseModel):
-            found |= quantities_of(value, f"{within}{key}.")
+            found |= quantities_of(value, f"{within}{key}.", given)
         elif isinstance(value, list):
             for one in value:
                 if isinstance(one, BaseModel):
-                    found |= quantities_of(one, f"{within}{key}.{getattr(one, 'name', '')}.")
+                    place = f"{within}{key}.{getattr(one, 'name', '')}."
+                    found |= quantities_of(one, place, given)
     return found
 
 

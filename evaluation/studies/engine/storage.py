@@ -206,13 +206,8 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
     Returns:
         The files.
     """
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    table = [[_scalar(row.get(column)) for column in columns] for row in rows]
+    columns, table = write_csv(path.with_suffix(".csv"), rows)
     files = [path.with_suffix(".csv")]
-    with atomic_write(files[0]) as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows(table)
     try:
         import pyarrow
         import pyarrow.parquet
@@ -225,6 +220,17 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
     with atomic_write(files[1]) as temporary:
         pyarrow.parquet.write_table(pyarrow.table(arrays), temporary)
     return files
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[Any]]]:
+    """Write rows as CSV (see ``write_table``), and return the columns and the lines."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    table = [[_scalar(row.get(column)) for column in columns] for row in rows]
+    with atomic_write(path) as temporary, temporary.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(columns)
+        writer.writerows(table)
+    return columns, table
 
 
 def _scalar(value: Any) -> Any:

@@ -274,7 +274,7 @@ def exposure(values: np.ndarray, angles: np.ndarray, instrument: Instrument) -> 
     """
     cos_theta = np.cos(np.minimum(angles[:, 0], _HORIZON))
     radiance = np.max(values, axis=1) * cos_theta
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         longer = np.floor(np.log2(instrument.saturation / radiance))
     longer = np.clip(longer, 0.0, np.floor(instrument.exposure_range_ev))
     saturation = (instrument.saturation * 2.0**-longer / cos_theta)[:, None]
