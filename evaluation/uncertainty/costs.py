@@ -19,6 +19,7 @@ from simrig.core.errors import SimrigError
 from simrig.evaluation.uncertainty.budget import Instruments, K, Spread, Table
 from simrig.evaluation.uncertainty.sources import SOURCES
 from simrig.instruments.calibration import Alternative
+from simrig.rigs.direct.recording import exposure
 from simrig.rigs.timing import GonioreflectometerTiming
 from simrig.viewing.plots import pareto_front
 
@@ -89,10 +90,14 @@ class Levers:
         return seconds / 3600.0
 
 
-def exposure_seconds(quantities: Mapping[str, Any]) -> float | None:
-    """Return what one more exposure takes, where an instrument file says it."""
-    found = quantities.get("timing.exposure_s")
-    return None if found is None else float(found.value)
+def exposure_seconds(instruments: Instruments, table: Table) -> float | None:
+    """Return what one more exposure takes in the mean; None where a file has no ``exposures_s``."""
+    times = instruments.description.camera.exposures_s
+    if not times:
+        return None
+    shot = exposure(table.truth, table.angles, instruments.bench.instrument)
+    full = shot.step * 2.0**instruments.bench.instrument.bits
+    return float(np.mean(times[0].value * shot.saturation / full))
 
 
 def curves(levers: Levers, instruments: Instruments) -> list[dict[str, Any]]:

@@ -197,7 +197,7 @@ def _read(
         for part in (shot.step, shot.step * 2.0**bench.instrument.bits, shot.saturation)
     )
     values = np.minimum(values, most)
-    deviation = 0.0
+    deviation = np.zeros(1)
     if np.any(normal):
         deviation = noise_deviation(np.maximum(flat, 0.0), shot, bench.instrument)
         deviation = deviation.reshape(values.shape) / np.sqrt(bench.instrument.pixels)

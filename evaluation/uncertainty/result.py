@@ -227,7 +227,7 @@ def make_budget(
             Instruments(material, instrument, fewer, seed, None, exposures), thetas, on
         )
     timing = GonioreflectometerTiming.of(instrument.timing)
-    levers = Levers(table, timing, samples, exposure_seconds(drawn.quantities))
+    levers = Levers(table, timing, samples, exposure_seconds(drawn, table))
     dominant = table.dominant()
     shot = exposure(table.truth, angles, drawn.bench.instrument)
     return Budget(

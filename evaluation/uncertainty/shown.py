@@ -111,7 +111,8 @@ def _costs(curves: Sequence[Mapping[str, Any]], unit: str) -> Any:
 def draw(budget: Budget, path: Path) -> Path:
     """Draw the sources by polar angle, and the uncertainty over each cost."""
     figure = new_figure(12.8, 7.6)
-    above, below = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
+    grid = figure.add_gridspec(2, 1, height_ratios=(1.25, 1.0))
+    above, below = figure.add_subfigure(grid[0]), figure.add_subfigure(grid[1])
     panel, table = above.subplots(), budget.values
     marks = range(len(budget.thetas_deg))
     ranked = sorted(table.alone, key=table.share, reverse=True)
@@ -128,8 +129,9 @@ def draw(budget: Budget, path: Path) -> Path:
     label = f"U of f_r [{table.unit}]"
     legend = {"loc": "outside right upper", "fontsize": 8}
     most = max((value for value in total if value > 0.0), default=None)
-    scale = {} if most is None else {"yscale": "log", "ylim": (most * 1e-4, most * 2.0)}
-    finish_panel(panel, legend, **scale, xlabel="polar angle of light and view", ylabel=label)
+    if most is not None:
+        panel.set(yscale="log", ylim=(most * 1e-4, most * 2.0))
+    finish_panel(panel, legend, xlabel="polar angle of light and view", ylabel=label)
     panels = below.subplots(1, 3, sharey=True)
     for number, (over, (key, title)) in enumerate(_AXES.items()):
         own_rows = [row for row in budget.curves if row["over"] == over and row[key] is not None]
@@ -141,7 +143,7 @@ def draw(budget: Budget, path: Path) -> Path:
         )  # fmt: skip
         panel.plot([r[key] for r in own_rows], [r["U"] for r in own_rows], **dot_style(number))
         panel.grid(which="major", color="0.9", linewidth=0.8)
-        finish_panel(panel, xlabel=title, **({} if over == "price" else {"xscale": "log"}))
+        finish_panel(panel, xlabel=title, xscale="linear" if over == "price" else "log")
     panels[0].set_ylabel(label)
     figure.suptitle(f"{budget.material}, {budget.instrument}")
     finish_figure(figure, path)
