@@ -96,8 +96,10 @@ def exposure_seconds(instruments: Instruments, table: Table) -> float | None:
     if not times:
         return None
     shot = exposure(table.truth, table.angles, instruments.bench.instrument)
-    full = shot.step * 2.0**instruments.bench.instrument.bits
-    return float(np.mean(times[0].value * shot.saturation / full))
+    longer = shot.saturation / (shot.step * 2.0**instruments.bench.instrument.bits)
+    seconds = times[0].value * instruments.description.light.levels[0] * longer
+    # the light is brightened first, then the exposure gets longer
+    return float(np.mean(np.clip(seconds, times[0].value, times[1].value)))
 
 
 def curves(levers: Levers, instruments: Instruments) -> list[dict[str, Any]]:
