@@ -5,6 +5,7 @@ from __future__ import annotations
 from simrig.evaluation.studies import (
     along_highlights,
     automatic_plan,
+    budget_coverage,
     critical_distance,
     isotropic_measured,
     plan_validation,
@@ -39,6 +40,7 @@ STUDIES: dict[str, Study] = {
         traps.STUDY,
         room_switch.STUDY,
         pareto.STUDY,
+        budget_coverage.STUDY,
         btf_against_structure.STUDY,
         btf_slices.STUDY,
     )

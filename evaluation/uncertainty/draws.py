@@ -7,7 +7,7 @@ that ablations, alternatives and repeated calls see the same instruments.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
@@ -58,6 +58,19 @@ class Draws:
     stray: np.ndarray
     noise: np.ndarray
     steps: np.ndarray
+
+    def at_rest(self, quantities: Mapping[str, Quantity]) -> Draws:
+        """Return them with areas of their stated sizes, and all else that moves the light exact."""
+        none, zero = np.zeros((1, 1)), np.zeros((1, 1, 4))
+        sizes = {
+            "light": quantities["light.diameter_mm"].value,
+            "lens": quantities["lens.f_mm"].value / quantities["lens.f_number"].value,
+            "spot": quantities["sample.spot_diameter_mm"].value,
+            "light_distance": quantities["light.distance_mm"].value,
+            "camera_distance": quantities["camera.distance_mm"].value,
+        }
+        one = {name: np.full((1, 1), value) for name, value in sizes.items()}
+        return replace(self, offset=zero, moves=zero, height=none, tilt=zero[..., :2], **one)
 
 
 def standard(dist: str, uniform: np.ndarray) -> np.ndarray:

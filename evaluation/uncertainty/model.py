@@ -27,7 +27,7 @@ from simrig.instruments.quantity import Quantity
 from simrig.rigs.direct.recording import exposure, noise_deviation, quadrature
 
 REFERENCE = np.radians([[0.0, 45.0, 0.0, 0.0]])  # geometry 0:45 in which the standard is read
-PAIRS = 8  # of nodes over light, aperture and spot
+PAIRS, FINE_PAIRS = 8, 1024  # of nodes over light, aperture and spot: per trial, and once
 _LARGEST_BLOCK = 2**20  # evaluations of f_r at a time
 
 
@@ -68,20 +68,33 @@ class Bench:
 def seen(brdf: Brdf, angles: np.ndarray, bench: Bench, draws: Draws) -> np.ndarray:
     """Return what reaches the sensor over the irradiance that is assumed, (trials, n, 3) in 1/sr.
 
+    The few nodes by which a trial averages over the areas are corrected by what many nodes give
+    where nothing else is off.
+
     Args:
         brdf: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v that are asked for, in radians.
         bench: the instrument.
         draws: its errors.
     """
+    values = _averaged(brdf, angles, bench, draws, PAIRS)
+    if not np.any(draws.light) and not np.any(draws.lens) and not np.any(draws.spot):
+        return values
+    still = draws.at_rest(bench.quantities)
+    few, many = (_averaged(brdf, angles, bench, still, pairs) for pairs in (PAIRS, FINE_PAIRS))
+    return np.maximum(values + (many - few), 0.0)
+
+
+def _averaged(brdf: Brdf, angles: np.ndarray, bench: Bench, draws: Draws, pairs: int) -> np.ndarray:
+    """Return ``seen`` by an average over so many pairs of nodes."""
     reached = angles[None] + draws.offset + draws.moves
     geometry = (draws.tilt[..., 0], draws.height, draws.light_distance, draws.light, draws.lens)
     trials = max(len(a) for a in (reached, draws.camera_distance, draws.spot, *geometry))
-    size = max(_LARGEST_BLOCK // (2 * PAIRS * len(angles)), 1)
+    size = max(_LARGEST_BLOCK // (2 * pairs * len(angles)), 1)
     blocks = []
     for first in range(0, trials, size):
         part = slice(first, min(first + size, trials))
-        blocks.append(_seen(brdf, angles, reached, bench, draws, part))
+        blocks.append(_seen(brdf, angles, reached, bench, draws, pairs, part))
     return np.concatenate(blocks)
 
 
@@ -91,6 +104,7 @@ def _seen(
     reached: np.ndarray,
     bench: Bench,
     draws: Draws,
+    pairs: int,
     part: slice,
 ) -> np.ndarray:
     def of(array: np.ndarray) -> np.ndarray:
@@ -103,7 +117,7 @@ def _seen(
     wi, wv = (
         _tilted(to_vector(reached[..., k], reached[..., k + 2]), tilt)[..., None, :] for k in (0, 1)
     )
-    across_light, across_lens, on_spot = _nodes(bench, draws, of)
+    across_light, across_lens, on_spot = _nodes(bench, draws, pairs, of)
     up = (of(draws.height) / np.maximum(wv[..., 2:], 1e-9)) * wv  # where the axis of view ends
     spot = up + on_spot
     to_light = of(draws.light_distance) * wi + _across(wi, across_light) - spot
@@ -121,29 +135,23 @@ def _seen(
 
 
 def _tilted(w: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """Return directions seen from a normal that is tilted about x and y by small angles."""
-    about_x, about_y = tilt[..., 0], tilt[..., 1]
-    moved = np.stack(
-        [
-            w[..., 0] - about_y * w[..., 2],
-            w[..., 1] + about_x * w[..., 2],
-            w[..., 2] + about_y * w[..., 0] - about_x * w[..., 1],
-        ],
-        axis=-1,
-    )
-    return moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+    """Return directions as a surface sees them that was turned about x and then about y."""
+    (sin_x, sin_y), (cos_x, cos_y) = (np.moveaxis(f(tilt), -1, 0) for f in (np.sin, np.cos))
+    x, z = cos_y * w[..., 0] - sin_y * w[..., 2], sin_y * w[..., 0] + cos_y * w[..., 2]
+    y, z = cos_x * w[..., 1] + sin_x * z, cos_x * z - sin_x * w[..., 1]
+    return np.stack([x, y, z], axis=-1)
 
 
 def _nodes(
-    bench: Bench, draws: Draws, of: Callable[[np.ndarray], np.ndarray]
+    bench: Bench, draws: Draws, pairs: int, of: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points across light, aperture and spot in mm, (…, nodes, 2 or 3); one if points."""
     sizes = (draws.light, draws.lens, draws.spot)
     if not any(np.any(size) for size in sizes):
         return np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3))
     unit = replace(bench.instrument, light_diameter=1.0, aperture_diameter=1.0, spot_diameter=1.0)
-    nodes = quadrature(unit, {"light-size", "aperture-size", "spot-size"}, PAIRS)
-    flat = np.concatenate([nodes.spot, np.zeros((2 * PAIRS, 1))], axis=1)
+    nodes = quadrature(unit, {"light-size", "aperture-size", "spot-size"}, pairs)
+    flat = np.concatenate([nodes.spot, np.zeros((2 * pairs, 1))], axis=1)
     made = [
         of(size) * where for size, where in zip(sizes, (nodes.light, nodes.lens, flat), strict=True)
     ]
