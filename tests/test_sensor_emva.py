@@ -43,10 +43,13 @@ def test_the_reference_analysis_finds_gain_dark_noise_and_prnu(
         }
     )
     found = Results1288(data.data)
-    assert found.K == pytest.approx(SENSOR.K_DN_e, rel=0.01)
-    assert found.QE == pytest.approx(100.0, rel=0.005)  # levels are electrons
-    assert found.sigma_d == pytest.approx(SENSOR.sigma_d_e, rel=0.02)
-    assert found.PRNU1288 == pytest.approx(SENSOR.PRNU_pct, rel=0.03)
-    assert found.DSNU1288 == pytest.approx(SENSOR.DSNU_e, rel=0.05)
-    assert found.u_e_sat == pytest.approx(SENSOR.mu_sat_e, rel=0.04)
+    for name, expected, relative in (
+        ("K", SENSOR.K_DN_e, 0.01),
+        ("QE", 100.0, 0.005),  # levels are electrons
+        ("sigma_d", SENSOR.sigma_d_e, 0.02),
+        ("PRNU1288", SENSOR.PRNU_pct, 0.03),
+        ("DSNU1288", SENSOR.DSNU_e, 0.05),
+        ("u_e_sat", SENSOR.mu_sat_e, 0.04),
+    ):
+        assert getattr(found, name) == pytest.approx(expected, rel=relative), name
     assert found.LE_max < 0.2 and found.LE_min > -0.2  # per cent of linearity

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.tables import record_table
+from simrig.core.tables import Column, record_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
 from simrig.evaluation.studies.engine.rows import distinct, where
 from simrig.evaluation.uncertainty.budget import COVERAGE, Instruments, K, Spread, directions
@@ -192,7 +192,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     """Return the summary as tables for the terminal."""
     from rich.console import Group
 
-    columns = {
+    columns: dict[str, Column] = {
         "95 % interval [%]": lambda row: f"{100 * row['coverage']:.2f}",
         "k = 2 [%]": lambda row: f"{100 * row['coverage_k2']:.2f}",
         "U [%]": "{U_percent:.3g}",
