@@ -16,13 +16,10 @@ from simrig.planning import plan_scene, planned_integrator, planned_render
 from simrig.planning.change import Display
 from simrig.planning.indirect import (
     BOUNCES,
-    MORE_PATHS,
-    PATHS,
     PathProbe,
     probe_paths,
     sampled_changes,
 )
-from simrig.planning.interreflection import with_more_paths
 from simrig.planning.probe import probe_surfaces
 from simrig.planning.survey import Survey
 from simrig.planning.transport import narrow_highlights
@@ -113,17 +110,6 @@ def test_what_no_path_met_is_allowed_for() -> None:
     assert hidden[0].bound > 50.0 * many.bound
     assert hidden[1].bound > 0.0 == hidden[1].estimate, "nor has what deeper paths would find"
     assert many.floor == few.floor == many.estimate, "equal pixels: nothing but paths is missing"
-
-
-def test_what_more_paths_will_say_is_known_before() -> None:
-    """The floor stays, the rest falls with the paths: where that is too much none are traced."""
-    now = made_up(0.2, 0.01, 1.0, PATHS[-1])
-    found = sampled_changes(now, DISPLAY, 0.0)[0]
-    for count in MORE_PATHS:
-        then = made_up(0.2, 0.01, 1.0, count)
-        expected = with_more_paths(found, now, count)
-        assert expected == pytest.approx(sampled_changes(then, DISPLAY, 0.0)[0].bound)
-        assert expected < found.bound
 
 
 def test_an_unseen_event_counts_most_where_the_picture_is_dark() -> None:

@@ -33,8 +33,7 @@ from simrig.planning.view import GROUPS, View
 from simrig.rendering.render import timed
 
 BOUNCES = 8  # of indirect light that are told apart; the last holds all beyond
-PATHS = (1 << 16, 1 << 18)  # of a first look, and of a larger one
-MORE_PATHS = (1 << 19, 1 << 20)  # where the bound is what keeps an effect on
+PATHS = (1 << 16, 1 << 18, 1 << 20)  # of a first look, and of larger ones
 _CERTAIN = 3.0  # standard errors
 _UNSEEN = 3.0  # events per n samples ("rule of three")
 _RANGE_SAFETY = 2.0
@@ -73,7 +72,7 @@ class PathProbe:
 
 
 def probe_paths(
-    view: View, delta_lights: bool, hide_emitters: bool, paths: int = PATHS[-1]
+    view: View, delta_lights: bool, hide_emitters: bool, paths: int = PATHS[1]
 ) -> PathProbe:
     """Trace paths of all orders through the pixels that ``probe.probe`` looks at.
 

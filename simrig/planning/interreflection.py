@@ -2,8 +2,7 @@
 
 A plan asks only whether a bound fits into a tolerance. Paths that already show a larger change
 settle that; so does their bound when it is smaller. In between the bound per pixel of
-``planning.transport`` may be smaller, and more paths make their own bound tighter; they are traced
-where that may be enough.
+``planning.transport`` may be smaller.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from simrig.core.effects import Tolerance
-from simrig.planning.indirect import MORE_PATHS, PathProbe, SampledChange, sampled_changes
+from simrig.planning.indirect import PathProbe, SampledChange, sampled_changes
 from simrig.planning.transport import narrow_highlights
 
 if TYPE_CHECKING:
@@ -54,23 +53,11 @@ def indirect_bounds(subject: SceneSubject, tolerance: Tolerance) -> IndirectBoun
     if proved <= tolerance.amount:
         why = "albedo and solid angle of the other bodies times the radiance that they send"
         return IndirectBounds((proved, *(change.bound for change in found[1:])), why)
-    most = subject.affordable_paths
-    enough = (n for n in MORE_PATHS if with_more_paths(found[0], paths, n) <= tolerance.amount)
-    enough = (n for n in enough if n <= most)
-    count = next(enough, None)
-    if count is None:
-        return _from_paths(found, paths)
-    paths = subject.probe_paths(count)
-    return _from_paths(_sampled(subject, tolerance, paths), paths)
+    return _from_paths(found, paths)
 
 
 def _undecided(found: list[SampledChange], tolerance: Tolerance) -> bool:
     return found[0].estimate <= tolerance.amount < found[0].bound
-
-
-def with_more_paths(found: SampledChange, paths: PathProbe, count: int) -> float:
-    """Return what the bound is likely to be with ``count`` paths: all but the floor falls."""
-    return found.floor + (found.bound - found.floor) * paths.paths / count
 
 
 def _sampled(subject: SceneSubject, tolerance: Tolerance, paths: PathProbe) -> list[SampledChange]:

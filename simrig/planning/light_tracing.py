@@ -21,7 +21,8 @@ from simrig.rendering.render import timed
 FEWEST, PARTICLES = 1 << 16, 1 << 19
 _CERTAIN = 3.0  # standard errors
 _CLEAR, _NEGLIGIBLE = 5.0, 0.02  # standard errors, and the part of the mean, of one block
-_PARTS = 8
+_PARTS = 8  # independent of each other
+_BLOCKS = 8  # of the picture along either side
 _EVEN = "ConstantBackgroundEmitter"
 
 
@@ -112,7 +113,7 @@ def compare(view: View, traced: LightTraced, samples: np.ndarray, display: Displ
         samples: (n, m, 3) means of groups of paths in the looked-at pixels.
         display: measures changes.
     """
-    block = view.parts
+    block = view.parts(_BLOCKS)
     count = int(block.max()) + 1
     pixels = view.chosen[:, 1] * view.size[0] + view.chosen[:, 0]
     here = traced.parts.reshape(len(traced.parts), -1, 3)[:, pixels]

@@ -32,7 +32,7 @@ MOST_SAMPLES = 1 << 20
 _SAFETY = 1.1
 _TRIALS = 4
 _SEED = 7
-_LONGEST = 1.5  # power of the measured gain that is counted on
+IN_A_PIXEL, ALONG_PATHS = 2, 8  # dimensions of what a sample draws
 
 
 class SamplingNoise:
@@ -46,7 +46,7 @@ class SamplingNoise:
         averaging: float = 1.0,
         per_pass: int = MOST_SAMPLES,
         pixels: int = 0,
-        exact: bool = False,
+        dimensions: int = ALONG_PATHS,
         parts: np.ndarray | None = None,
     ) -> None:
         """Take (n, k, 3) samples of n pixels, and what measures changes.
@@ -58,7 +58,8 @@ class SamplingNoise:
             averaging: samples that a pixel of the picture averages for each that is drawn in it.
             per_pass: samples per pixel at most that are stratified together.
             pixels: of the whole picture; as many as are looked at by default.
-            exact: each sample is all of the light of its place: nothing is rare.
+            dimensions: of what a sample draws; with those ``IN_A_PIXEL`` alone it is all of the
+                light of its place, and nothing is rare.
             parts: (n,) number of the part of the picture that each pixel lies in; one for all of
                 them by default.
         """
@@ -68,9 +69,9 @@ class SamplingNoise:
         self.averaging = averaging
         self.per_pass = per_pass
         self.pixels = pixels or len(radiance)
-        self.exact = exact
+        self.dimensions = dimensions
         inside = np.zeros(len(radiance), dtype=np.int64) if parts is None else parts
-        self._rare = None if exact else RareEvents(radiance, inside)
+        self._rare = None if dimensions == IN_A_PIXEL else RareEvents(radiance, inside)
         self._base = radiance if self._rare is None else self._rare.others
         self._sum = self._base.sum(axis=1)
         self._mean = self._sum / self._count if self._rare is None else self._rare.mean
@@ -89,7 +90,7 @@ class SamplingNoise:
     @cached_property
     def tail(self) -> Tail:
         """What is rarer than the samples can show."""
-        return NO_TAIL if self.exact else tail_of(self.radiance)
+        return NO_TAIL if self.dimensions == IN_A_PIXEL else tail_of(self.radiance)
 
     def mostly_rare(self, spp: int) -> bool:
         """Return whether most of the noise of ``spp`` samples is of events that few pixels met."""
@@ -130,7 +131,7 @@ class SamplingNoise:
         if self.groups < 2 or group < 2:
             return 1.0
         apart, at_random = (self._between_groups(x) for x in (self._base, self._mixed))
-        least = 1.0 / math.sqrt(group)  # edges along the strata look better than they will be
+        least = 1.0 / group  # of what is smooth along one axis, which falls with n^(-3/2)
         return min(max(apart / at_random, least), 1.0) if at_random > 0.0 else 1.0
 
     def _between_groups(self, samples: np.ndarray) -> float:
@@ -147,14 +148,15 @@ class SamplingNoise:
     def _gain_of(self, spp: int) -> float:
         """Return what stratification leaves of the noise.
 
-        It gains with the samples that are stratified together; beyond those of a group, which is
-        as far as it was measured, half as fast and not for long.
+        It gains with the samples that are stratified together. Up to those of a group it follows
+        the power of them that was measured; beyond, that of edges in as many dimensions d as are
+        drawn, n^(-1/2d) (Mitchell 1996, "Consequences of stratified sampling in graphics").
         """
-        group, together = max(self._count // self.groups, 2), min(spp, self.per_pass)
-        power = math.log(max(together, 1)) / math.log(group)
-        if power > 1.0:
-            power = min(1.0 + 0.5 * (power - 1.0), _LONGEST)
-        return float(self._gain**power)
+        if self.groups < 2:
+            return 1.0
+        group, together = max(self._count // self.groups, 2), max(min(spp, self.per_pass), 1)
+        within = self._gain ** (math.log(min(together, group)) / math.log(group))
+        return float(within * max(together / group, 1.0) ** (-0.5 / self.dimensions))
 
     def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the means of all samples of each pixel but ``spp``, and how far those are off."""

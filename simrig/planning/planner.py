@@ -40,9 +40,9 @@ from simrig.planning.expectation import expectation
 from simrig.planning.integrators import DIRECT_DEPTH, UNLIMITED, path_integrator
 from simrig.planning.light_tracing import PARTICLES, light_tracer
 from simrig.planning.loading import planned_subject, planning_times
-from simrig.planning.looks import MOST_SECONDS, size_looks
+from simrig.planning.looks import MOST_SECONDS, samples_worth, size_looks
 from simrig.planning.mesostructure import MESOSTRUCTURE, decide_mesostructure, structure_within
-from simrig.planning.noise import nearest_samples
+from simrig.planning.noise import ALONG_PATHS, IN_A_PIXEL, nearest_samples
 from simrig.planning.overrides import (
     check_possible,
     checked_overrides,
@@ -139,7 +139,7 @@ def plan_subject(
     )
     doubts = _standing_doubts(subject, decisions, allowed, overrides)
     with structure_within(subject.scene, within):
-        sampled = _sampled(subject, integrator, bool(within))
+        sampled = _sampled(subject, integrator, noise, bool(within))
     if integrator["type"] == "path" and (
         light_tracing_sees_all(subject, allowed) or _cheaper_by_particles(sampled, noise)
     ):
@@ -307,11 +307,12 @@ def _integrator(
 
 
 def _sampled(
-    subject: SceneSubject, integrator: dict[str, Any], averaged: bool = False
+    subject: SceneSubject, integrator: dict[str, Any], noise: Tolerance, averaged: bool = False
 ) -> SampledSubject:
     """Return the pixels as the integrator samples them; most have been looked at already.
 
-    Paths are not traced again where averages of tiles are seen, which are no noisier.
+    Paths are not traced again where averages of tiles are seen, which are no noisier. A picture of
+    many samples is worth a larger look.
     """
     kind = integrator["type"]
     if kind == "path":
@@ -332,7 +333,12 @@ def _sampled(
         samples = subject.samples if kind == "simrig_all_lights" else PATH_SAMPLES
         seen = probe(subject.view, integrator, samples)
     seconds = seen.seconds_per_sample + tested
-    return SampledSubject(subject, seen.radiance, seconds, exact=known)
+    dimensions = IN_A_PIXEL if known else ALONG_PATHS
+    found = SampledSubject(subject, seen.radiance, seconds, dimensions=dimensions)
+    if known or not (more := samples_worth(found, noise)):
+        return found
+    seen = probe(subject.view, integrator, more)
+    return SampledSubject(subject, seen.radiance, seen.seconds_per_sample, dimensions=dimensions)
 
 
 def _samples(

@@ -6,10 +6,12 @@ import numpy as np
 
 from simrig.core.effects import Tolerance
 from simrig.planning.costs import render_seconds
-from simrig.planning.noise import SamplingNoise, nearest_samples
+from simrig.planning.noise import ALONG_PATHS, SamplingNoise, nearest_samples
 from simrig.planning.subject import SceneSubject
 from simrig.planning.view import GROUPS
 from simrig.rendering import render as rendering
+
+_PARTS = 16  # of the picture along either side, in which rare events are alike
 
 
 class SampledSubject:
@@ -21,7 +23,7 @@ class SampledSubject:
         seconds_per_sample: of that integrator.
         together: how many samples each of them is the mean of; several are independent, and those
             of pixels as the film's filter makes them.
-        exact: each sample is all of the light of its place.
+        dimensions: of what a sample draws, see ``SamplingNoise``.
     """
 
     def __init__(
@@ -30,13 +32,13 @@ class SampledSubject:
         radiance: np.ndarray,
         seconds_per_sample: float,
         together: int = 1,
-        exact: bool = False,
+        dimensions: int = ALONG_PATHS,
     ) -> None:
         self.subject = subject
         self.radiance = radiance
         self.seconds_per_sample = seconds_per_sample
         self.together = together
-        self.exact = exact
+        self.dimensions = dimensions
         self._noises: dict[str, SamplingNoise] = {}
 
     def change(self, tolerance: Tolerance, spp: int) -> float:
@@ -79,12 +81,10 @@ class SampledSubject:
     def _new_noise(self, tolerance: Tolerance) -> SamplingNoise:
         view = self.subject.view
         per_pass = max(rendering.SAMPLES_PER_PASS // view.pixels, 1)
-        display = self.subject.display(tolerance)
+        display, parts = self.subject.display(tolerance), view.parts(_PARTS)
         if self.together > 1:
             share = 1.0 / self.together
-            return SamplingNoise(
-                self.radiance, display, 1, share, pixels=view.pixels, parts=view.parts
-            )
+            return SamplingNoise(self.radiance, display, 1, share, pixels=view.pixels, parts=parts)
         groups = GROUPS if view.stratified else 1
         return SamplingNoise(
             self.radiance,
@@ -93,6 +93,6 @@ class SampledSubject:
             view.averaging,
             per_pass,
             view.pixels,
-            self.exact,
-            view.parts,
+            self.dimensions,
+            parts,
         )

@@ -173,7 +173,7 @@ class SceneSubject:
     @cached_property
     def paths(self) -> PathProbe:
         """The looked-at pixels, told apart by orders of reflection."""
-        return self.probe_paths(self.path_count or PATHS[-1])
+        return self.probe_paths(self.path_count or PATHS[1])
 
     @property
     def tells_orders(self) -> bool:

@@ -78,14 +78,13 @@ class Tail:
         chances = -np.diff(self.rate * (edges / self.largest) ** -self.exponent)
         often = spp * chances >= 1.0
 
-        def step(size: float) -> float:
-            return float(display.per_pixel(some, np.maximum(some + size, 0.0)).mean())
-
-        seldom = zip(spp * chances[~often], middles[~often] / spp, strict=True)
-        rare = sum(share * step(size) for share, size in seldom)
-        rare += step(-float((chances * middles)[~often].sum()))
-        frequent = step(math.sqrt(float((chances * middles**2)[often].sum()) / spp))
-        return display.of_mean(math.hypot(rare, frequent), lit)
+        lacking = -float((chances * middles)[~often].sum())
+        frequent = math.sqrt(float((chances * middles**2)[often].sum()) / spp)
+        sizes = np.array([*middles[~often] / spp, lacking, frequent])[:, None, None]
+        stepped = np.maximum(some + sizes, 0.0)
+        steps = display.per_pixel(np.broadcast_to(some, stepped.shape), stepped).mean(axis=1)
+        rare = float(spp * chances[~often] @ steps[:-2] + steps[-2])
+        return display.of_mean(math.hypot(rare, float(steps[-1])), lit)
 
 
 NO_TAIL = Tail(math.inf, 0.0, 0.0)

@@ -30,7 +30,8 @@ from simrig.planning.survey import Survey
 from simrig.planning.view import View
 from simrig.rendering import render as rendering
 
-SHARE, LEAST_SECONDS = 0.05, 0.2  # of the time of the picture, or seconds
+_SHARE = 0.04  # of the time of the picture
+_FEWEST_SECONDS, _LITTLE_SECONDS = 0.04, 0.2  # beside what takes little time itself
 _BLOCKS = 32  # along the longer side of the picture
 _EACH = 16  # samples of a block at a time
 _CERTAIN = 3.0  # standard errors
@@ -80,7 +81,7 @@ def verified_render(
             if plan.settings["integrator"] == light_tracer()["type"]:
                 return result, _reported(plan, Check(0.0, 0, 0.0), False, switched, spent)
             estimate = Estimate(subject.view, plan)
-            check = estimate.check(result.image, max(SHARE * result.run_seconds, LEAST_SECONDS))
+            check = estimate.check(result.image, _seconds(result))
             spent += check.seconds
             contradicted = check.least > may_lack(plan)
             cause = estimate.cause() if contradicted and len(switched) + 1 < _RENDERS else ""
@@ -92,8 +93,13 @@ def verified_render(
 
 def checked(view: View, plan: EffectPlan, result: rendering.RenderResult) -> Check:
     """Return what an independent estimate says of a planned picture, for its share of the time."""
-    seconds = max(SHARE * result.run_seconds, LEAST_SECONDS)
-    return Estimate(view, plan).check(result.image, seconds)
+    return Estimate(view, plan).check(result.image, _seconds(result))
+
+
+def _seconds(result: rendering.RenderResult) -> float:
+    """Return the seconds that a picture is worth to be checked."""
+    little = min(_FEWEST_SECONDS + result.run_seconds, _LITTLE_SECONDS)
+    return max(_SHARE * result.run_seconds, little)
 
 
 def may_lack(plan: EffectPlan) -> float:

@@ -17,7 +17,6 @@ from simrig.rendering.sampled_pass import takes_colours
 
 PIXELS = 1024  # looked at, at most
 SEED = 20_240_607  # plans are reproducible
-PARTS = 8  # of the picture along either side, in which pixels are alike
 GROUPS = 4  # into which the samples of a pixel fall
 SAMPLER = "multijitter"  # of pictures that are planned: stratified in every pair of dimensions
 _CANDIDATES, _TRIES = 16 * PIXELS, 4  # pixels of which those are chosen, and rays through each
@@ -70,11 +69,10 @@ class View:
         seeing, others = candidates[hit], candidates[~hit]
         return np.concatenate([_some(seeing, PIXELS), _some(others, max(PIXELS - len(seeing), 0))])
 
-    @cached_property
-    def parts(self) -> np.ndarray:
-        """The part of the picture, of ``PARTS`` along either side, in which each of them lies."""
-        column, row = (self.chosen * PARTS // np.array(self.size)).T
-        return np.asarray(np.unique(row * PARTS + column, return_inverse=True)[1].ravel())
+    def parts(self, along: int) -> np.ndarray:
+        """Return the part of the picture, of some along either side, in which each of them lies."""
+        column, row = (self.chosen * along // np.array(self.size)).T
+        return np.asarray(np.unique(row * along + column, return_inverse=True)[1].ravel())
 
     @cached_property
     def filled(self) -> float:
