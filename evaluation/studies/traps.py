@@ -33,6 +33,7 @@ from simrig.evaluation.studies.plan_validation import SCENE_OPTIONS
 from simrig.files.load import load_material
 from simrig.planning import plan_scene, planned_render, planned_subject, verified_render
 from simrig.planning.integrators import hides_emitters
+from simrig.planning.view import SAMPLER
 from simrig.plugins import make_bsdf
 from simrig.rendering import render as rendering
 from simrig.scenes import build_scene
@@ -43,6 +44,8 @@ KEPT, WARNED, BROKEN, REFUSED = "kept", "warned", "broken", "refused"
 MATERIAL = "yellow_satin"  # of the laboratory's scenes
 NOISE_RANGE = (0.8, 1.5)  # of expected over measured noise
 _CERTAIN = 3.0  # standard errors
+_TELLING = 0.06  # of the tightest tolerance: no better reference is waited for
+_MOST_SAMPLES = 1 << 23  # of a reference
 _LITTLE = 0.02  # ΔE: noise below it is no more than rounding and what two pictures tell
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -56,7 +59,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "scenes": [*TRAPS, *SCENE_OPTIONS],
         "tolerances": [0.5, 2.0],
         "resolution": 48,  # of the laboratory's scenes; traps have their own
-        "reference_seconds": 10.0,
+        "reference_seconds": 60.0,  # at most
     },
 }
 
@@ -81,7 +84,8 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
             with planned_subject(scene) as at_work:
                 if reference is None:
                     seconds = config["reference_seconds"]
-                    reference = _reference(at_work.scene, converges, seconds)
+                    error = _TELLING * min(config["tolerances"])
+                    reference = _reference(at_work.scene, converges, seconds, error)
                 rows.append(_row(at_work, Tolerance("dE", value), reference))
         except SimrigError as refusal:
             rows.append({"tolerance": value, "verdict": REFUSED, "advice": str(refusal)})
@@ -97,16 +101,24 @@ def _scene(name: str, resolution: int) -> tuple[Any, str]:
     return (lambda: build_scene(name, bsdf, **options)), PATHS
 
 
-def _reference(scene: Any, converges: str, seconds: float) -> Replicates:
+def _reference(scene: Any, converges: str, seconds: float, error: float) -> Replicates:
+    """Return the converged picture, to within an error in ΔE unless its time is spent before."""
     integrator = {"type": converges, "max_depth": -1}
     if converges != PARTICLES:
         integrator["hide_emitters"] = hides_emitters(scene)
     made = rendering.made_integrator(integrator)
+    sampler = "independent" if converges == PARTICLES else SAMPLER
+
+    def good(so_far: Replicates) -> bool:
+        exposure = rendering.display_exposure(so_far.image)
+        return _apart(*so_far.halves, exposure) / 2.0 < error
+
     return converged(
-        lambda spp, seed: rendering.render(scene, spp, seed, made, sampler="independent"),
-        lambda so_far: False,
+        lambda spp, seed: rendering.render(scene, spp, seed, made, sampler=sampler),
+        good,
         seconds,
         seed=11,
+        most=_MOST_SAMPLES,
     )
 
 

@@ -7,6 +7,9 @@ are counted, not seconds, so that plans are reproducible.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 from simrig.core.effects import Tolerance
 from simrig.planning.indirect import PATHS
 from simrig.planning.integrators import UNLIMITED
@@ -14,7 +17,7 @@ from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
 
 MOST_SECONDS = 200.0  # that a picture takes when nothing is said of its time
-_SHARE = 0.025  # of the samples of the picture, in one look
+_SHARE = 0.02  # of the samples of the picture, in one look
 MORE_SAMPLES = (256, 1024)  # of each looked-at pixel, where orders are not told apart
 
 
@@ -34,17 +37,27 @@ def size_looks(subject: SceneSubject, noise: Tolerance) -> None:
         sampled = SampledSubject(subject, paths.radiance(UNLIMITED), paths.seconds_per_sample)
         subject.affordable_paths = _worth(sampled, noise)
         least = PATHS[1] if sampled.heavy_tailed(noise) else PATHS[0]
-        wanted = max(n for n in PATHS if n <= max(subject.affordable_paths, least))
-        if wanted <= subject.path_count:
+        larger = next((n for n in PATHS if n > subject.path_count), math.inf)
+        if larger > max(subject.affordable_paths, least):
             return
-        subject.look_along_paths(wanted)  # which may tell that the picture is worth more
+        subject.look_along_paths(int(larger))  # which may tell that the picture is worth less
 
 
-def samples_worth(sampled: SampledSubject, noise: Tolerance) -> int:
-    """Return the samples of each looked-at pixel that a picture is worth; 0 for those that are."""
-    pixels, looked = sampled.radiance.shape[:2]
-    most = _worth(sampled, noise) / pixels
-    return max((n for n in MORE_SAMPLES if looked < n <= most), default=0)
+def looked_closer(
+    sampled: SampledSubject, noise: Tolerance, look: Callable[[int], SampledSubject]
+) -> SampledSubject:
+    """Return pixels with as many samples of each as their picture is worth.
+
+    Args:
+        sampled: from a first look.
+        noise: that the samples of the picture may leave.
+        look: looks again, with some samples of each pixel.
+    """
+    for more in MORE_SAMPLES:
+        pixels, looked = sampled.radiance.shape[:2]
+        if more > looked and more * pixels <= _worth(sampled, noise):
+            sampled = look(more)
+    return sampled
 
 
 def _worth(sampled: SampledSubject, noise: Tolerance) -> int:

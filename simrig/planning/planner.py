@@ -40,7 +40,7 @@ from simrig.planning.expectation import expectation
 from simrig.planning.integrators import DIRECT_DEPTH, UNLIMITED, path_integrator
 from simrig.planning.light_tracing import PARTICLES, light_tracer
 from simrig.planning.loading import planned_subject, planning_times
-from simrig.planning.looks import MOST_SECONDS, samples_worth, size_looks
+from simrig.planning.looks import MOST_SECONDS, looked_closer, size_looks
 from simrig.planning.mesostructure import MESOSTRUCTURE, decide_mesostructure, structure_within
 from simrig.planning.noise import ALONG_PATHS, IN_A_PIXEL, nearest_samples
 from simrig.planning.overrides import (
@@ -335,10 +335,14 @@ def _sampled(
     seconds = seen.seconds_per_sample + tested
     dimensions = IN_A_PIXEL if known else ALONG_PATHS
     found = SampledSubject(subject, seen.radiance, seconds, dimensions=dimensions)
-    if known or not (more := samples_worth(found, noise)):
+    if known:
         return found
-    seen = probe(subject.view, integrator, more)
-    return SampledSubject(subject, seen.radiance, seen.seconds_per_sample, dimensions=dimensions)
+
+    def look(samples: int) -> SampledSubject:
+        seen = probe(subject.view, integrator, samples)
+        return SampledSubject(subject, seen.radiance, seen.seconds_per_sample)
+
+    return looked_closer(found, noise, look)
 
 
 def _samples(
