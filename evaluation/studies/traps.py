@@ -111,7 +111,7 @@ def _reference(scene: Any, converges: str, seconds: float, error: float) -> Repl
 
     def good(so_far: Replicates) -> bool:
         exposure = rendering.display_exposure(so_far.image)
-        return _apart(*so_far.halves, exposure) / 2.0 < error
+        return _apart(so_far.halves[0], so_far.halves[1], exposure) / 2.0 < error
 
     return converged(
         lambda spp, seed: rendering.render(scene, spp, seed, made, sampler=sampler),
