@@ -20,6 +20,7 @@ from simrig.evaluation.studies.gantry import polar_angles as gantry_thetas
 from simrig.evaluation.studies.gantry import slices as gantry_slices
 from simrig.evaluation.studies.pareto import study as pareto
 from simrig.evaluation.studies.placement import study as placement
+from simrig.evaluation.studies.registration import study as registration
 from simrig.evaluation.studies.room_switch import study as room_switch
 from simrig.evaluation.studies.table_5_2 import study as table_5_2
 
@@ -38,6 +39,7 @@ STUDIES: dict[str, Study] = {
         automatic_plan.STUDY,
         plan_validation.STUDY,
         traps.STUDY,
+        registration.STUDY,
         room_switch.STUDY,
         pareto.STUDY,
         budget_coverage.STUDY,

@@ -1,0 +1,1 @@
+"""Study: how well the true plane of a surface is found from pictures."""
