@@ -10,7 +10,7 @@ from simrig.imaging.alignment import Alignment, Plane, principal
 
 _STEPS = 12  # of Gauss-Newton, at most
 _DONE_MM = 2e-5  # change of the heights at the origin and at the borders that ends it
-_TELLING = 0.1  # share of the derivative that must be more than noise
+_LEAST_PARALLAX = 0.05  # pixels by which a height of 1 mm moves between views, rms
 _CELL = 5  # pixels of a patch's cells, a side
 
 
@@ -71,10 +71,10 @@ def linearised(level: Alignment, plane: Plane) -> Descent:
     error = float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / whole)) if whole else 0.0
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(scale, scale)
-    # what noise alone would make of the derivative, by the slopes of what is left
-    chance = level.slope(plane, residual).reshape(rows.shape)
-    telling = 1.0 - float(np.sum(chance**2, dtype=np.float64)) / max(normal[0, 0], 1e-300)
-    if telling < _TELLING or np.linalg.cond(scaled) > 1e8 or not np.isfinite(scaled).all():
+    away = level.views.cameras_mm[:, :2] / level.views.cameras_mm[:, 2:]
+    parallax = float(np.sqrt(np.mean(np.sum((away - away.mean(axis=0)) ** 2, axis=1))))
+    alike = parallax < _LEAST_PARALLAX * level.views.pitch_mm
+    if alike or np.linalg.cond(scaled) > 1e8 or not np.isfinite(scaled).all():
         return Descent(plane, error, np.zeros(3), np.diag([np.inf] * 3), 0.0)
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
     step = -inverse @ scores.sum(axis=1)
