@@ -1,0 +1,1 @@
+"""The ellipsoidal reflector: folded and traced models of its pictures."""
