@@ -18,8 +18,8 @@ MATERIALS = {"core", "directions", "brdf", "btf"}
 STRUCTURES = {"core", "mesostructure"}
 RECORDINGS = MATERIALS | {"files", "plans", "instruments"}
 RECONSTRUCTION = RECORDINGS | {"reconstruction"}
-RIGS = RECONSTRUCTION | STRUCTURES | {"plugins", "scenes"}
-PICTURES = RIGS | {"rigs", "rendering", "planning", "perception", "methods", "imaging"}
+RIGS = RECONSTRUCTION | STRUCTURES | {"plugins", "scenes", "imaging"}
+PICTURES = RIGS | {"rigs", "rendering", "planning", "perception", "methods"}
 EVERYTHING = PICTURES | {"viewing", "evaluation", "doctor"}
 
 # room: the rooms that it may import (docs/architecture.md says the same in words)

@@ -9,6 +9,7 @@ from simrig.evaluation.studies import (
     critical_distance,
     isotropic_measured,
     plan_validation,
+    reflector_axes,
     table_5_3,
     traps,
 )
@@ -40,6 +41,7 @@ STUDIES: dict[str, Study] = {
         plan_validation.STUDY,
         traps.STUDY,
         registration.STUDY,
+        reflector_axes.STUDY,
         room_switch.STUDY,
         pareto.STUDY,
         budget_coverage.STUDY,

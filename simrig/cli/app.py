@@ -26,6 +26,7 @@ from simrig.cli import (
     pareto,
     plan,
     reconstruct,
+    reflector,
     render,
     stability,
     stimuli,
@@ -90,6 +91,7 @@ _BTF: Commands = {
     "average": btf_files.average,
     "from-slices": btf_files.from_slices,
 }
+_REFLECTOR: Commands = {"picture": reflector.picture, "analyse": reflector.analyse}
 _STIMULI: Commands = {
     "cylinders": stimuli.cylinders,
     "rotation": stimuli.rotation,
@@ -99,6 +101,7 @@ _STIMULI: Commands = {
 _GROUPS: dict[str, tuple[str, Commands]] = {
     "study": ("Published tables and figures beside ours.", _STUDY),
     "btf": ("BTFs: measure, look at, convert, fill, average.", _BTF),
+    "reflector": ("One picture under an ellipsoidal mirror, and its anisotropy.", _REFLECTOR),
     "stimuli": ("Scenes of the study of structure: cylinders, frames, room.", _STIMULI),
 }
 # what plans, rigs and methods declare becomes options of these

@@ -10,7 +10,7 @@ mirror is a smooth pedestal of its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -26,10 +26,11 @@ _EVEN, _RADIAL, _TILTED = 24, 5, 5  # splines over the polar angle: mean, harmon
 _DEGREE = 3
 _HARMONICS = 24  # even ones: cos 2mφ
 _PEDESTAL = 4  # degree in x and y of light without the mirror
-_SMOOTH = 3e-3  # weight of the fourth power of an harmonic's order against the data
-_RIDGE = 1e-7  # and of any harmonic
-_TINY = 1e-12  # and of what is even: nothing but well-posed
-_SECOND_ORDER = 1e-3  # of what is of second order in the small tilt of the view
+# how large unknowns are expected to be, over the mean: harmonics of low order and their fall-off,
+# what is even or without the mirror, first and second order in the small tilt of the view
+_HARMONIC, _FALL_OFF, _EXPECTED, _TILT, _SECOND_TILT = 0.5, 8.0, 10.0, 0.3, 0.003
+_PATCHES = (4, 8, 12)  # blocks
+_LEAST_VARIANCE = 1e-14
 _BRIGHT = 6.0  # pixels with more than this times the median irradiance lie in the caustic
 _SPECK = 1.3  # times the brightest neighbour, or below the darkest one by this
 _WELL_LIT = (0.001, 0.95)  # quantiles of the half vectors' polar angles
@@ -79,8 +80,9 @@ class System:
         blocks: (rows,) which blocks have a row.
         total: (blocks²,) irradiance of every block.
         matrix: (rows, unknowns), for the radiance over the irradiance.
+        gram: its product with itself.
         knots: of the splines of mean, harmonics and of how f_r depends on the view, in radians.
-        penalty: (unknowns,) diagonal.
+        expected: (unknowns,) size.
         theta: lowest and highest polar angle of half vectors that the mirror lights.
     """
 
@@ -88,10 +90,10 @@ class System:
     blocks: np.ndarray
     total: np.ndarray
     matrix: np.ndarray
+    gram: np.ndarray
     knots: tuple[np.ndarray, np.ndarray, np.ndarray]
-    penalty: np.ndarray
+    expected: np.ndarray
     theta: tuple[float, float]
-    solved: tuple[np.ndarray, bool] = field(repr=False)
 
     def profile_basis(self, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """Return what gives f_r from the unknowns, (n, unknowns)."""
@@ -168,14 +170,21 @@ def analyse(
     values = blocked[rows] / system.total[rows, None]
     mean = float(values.mean())
     if not mean > 0.0:
-        raise SimrigError("the opening is black: take a picture with the flash, or a longer exposure")
+        raise SimrigError(
+            "the opening is black: take a picture with the flash, or a longer exposure"
+        )
     values = values / mean
     matrix = system.matrix[used]
-    solved = system.solved if used.all() else _solved(matrix, system.penalty)
+    gram = system.gram if used.all() else matrix.T @ matrix
     # a dull, even material is what is expected: the unknowns are how far it is from that
-    unknowns = cho_solve(solved, matrix.T @ (values - 1.0))
-    left = values - 1.0 - matrix @ unknowns
-    variance = _variance(left, rows, side)
+    known_sides = matrix.T @ (values - 1.0)
+    variance = np.full(3, _LEAST_VARIANCE)
+    for _ in range(2):  # the noise first, then what it lets be told
+        penalty = float(variance.mean()) / system.expected**2
+        solved = cho_factor(gram + np.diag(penalty))
+        unknowns = cho_solve(solved, known_sides)
+        left = values - 1.0 - matrix @ unknowns
+        variance = _variance(left, rows, side)
     return _read(system, solved, unknowns, variance, mean, float(np.sqrt(np.mean(left**2))))
 
 
@@ -187,9 +196,7 @@ def _checked(what: str, picture: np.ndarray, lighting: Lighting) -> np.ndarray:
     return picture
 
 
-def _blocks(
-    picture: np.ndarray, lighting: Lighting, factor: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _blocks(picture: np.ndarray, lighting: Lighting, factor: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the blocks' sums after a median filter against specks, and which are whole.
 
     The filter sees the picture over the irradiance, which has no edges of its own.
@@ -230,7 +237,9 @@ def _basis(
     angles = 2.0 * np.arange(1, _HARMONICS + 1) * phi[:, None]
     around = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
     bent = splines(knots[1])[:, :, None] * around[:, None, :]
-    tilts = 100.0 * np.stack([view[:, 0], 100.0 * view[:, 0] ** 2, 100.0 * view[:, 1] ** 2], axis=-1)
+    tilts = 100.0 * np.stack(
+        [view[:, 0], 100.0 * view[:, 0] ** 2, 100.0 * view[:, 1] ** 2], axis=-1
+    )
     tilted = splines(knots[2])[:, None, :] * tilts[:, :, None]
     parts = [splines(knots[0]), bent.reshape(len(phi), -1), tilted.reshape(len(phi), -1)]
     return np.concatenate(parts, axis=1)
@@ -274,26 +283,25 @@ def _system(lighting: Lighting) -> System:
     x, y = (2.0 * (v[direct] + 0.5) / lighting.pixels - 1.0 for v in (column, row))
     powers = [(i, j) for i in range(_PEDESTAL + 1) for j in range(_PEDESTAL + 1 - i)]
     smooth = np.stack([x**i * y**j for i, j in powers], axis=-1)
-    pedestal = _summed(
-        smooth * lighting.irradiance[direct, None], place[direct], int(kept.sum())
-    )
+    pedestal = _summed(smooth * lighting.irradiance[direct, None], place[direct], int(kept.sum()))
     matrix = np.concatenate([matrix, pedestal], axis=1) / total[kept, None]
-    order = np.tile(np.arange(1, _HARMONICS + 1) / _HARMONICS, 2)
-    bent = np.tile(_SMOOTH * order**4 + _RIDGE, _RADIAL)
-    rest = np.full(3 * _TILTED + len(powers), _TINY)
-    rest[_TILTED : 3 * _TILTED] = _SECOND_ORDER
-    penalty = np.r_[np.full(_EVEN, _TINY), bent, rest] * len(matrix)
-    if not direct.any():
-        penalty[-len(powers) :] = len(matrix)
+    order = np.tile(np.arange(1, _HARMONICS + 1) / _FALL_OFF, 2)
+    expected = np.r_[
+        np.full(_EVEN, _EXPECTED),
+        np.tile(_HARMONIC / (1.0 + order**2), _RADIAL),
+        np.full(_TILTED, _TILT),
+        np.full(2 * _TILTED, _SECOND_TILT),
+        np.full(len(powers), _EXPECTED if direct.any() else 1e-6),
+    ]
     return System(
         factor,
         np.flatnonzero(kept),
         total,
         matrix,
+        matrix.T @ matrix,
         knots,
-        penalty,
+        expected,
         (float(low), float(high)),
-        _solved(matrix, penalty),
     )
 
 
@@ -307,23 +315,21 @@ def _summed(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
     return summed
 
 
-def _solved(matrix: np.ndarray, penalty: np.ndarray) -> tuple[np.ndarray, bool]:
-    factored: tuple[np.ndarray, bool] = cho_factor(matrix.T @ matrix + np.diag(penalty))
-    return factored
-
-
 def _variance(left: np.ndarray, rows: np.ndarray, side: int) -> np.ndarray:
     """Return the variance of each channel's residuals, as of independent ones, (3,).
 
-    Residuals of a misfit lie in patches; means over patches of 4 × 4 blocks then vary more than
-    those of independent ones would.
+    Residuals of a misfit lie in patches; means over patches then vary more than those of
+    independent ones would.
     """
-    patch = rows // side // 4 * side + rows % side // 4
-    count = np.bincount(patch)
-    full = count >= 8
-    summed = np.stack([np.bincount(patch, left[:, c]) for c in range(3)], axis=-1)[full]
-    patchy = np.mean(summed**2 / count[full, None], axis=0) if full.any() else 0.0
-    return np.asarray(np.maximum(np.mean(left**2, axis=0), patchy)) + 1e-16
+    largest = np.mean(left**2, axis=0)
+    for size in _PATCHES:
+        patch = rows // side // size * side + rows % side // size
+        count = np.bincount(patch)
+        full = count >= size * size // 2
+        summed = np.stack([np.bincount(patch, left[:, c]) for c in range(3)], axis=-1)[full]
+        if len(summed) >= 20:
+            largest = np.maximum(largest, np.mean(summed**2 / count[full, None], axis=0))
+    return largest + _LEAST_VARIANCE
 
 
 def _read(
@@ -352,6 +358,7 @@ def _read(
     left, _, _ = np.linalg.svd(rows, full_matrices=False)
     weight = left[:, 0].reshape(len(thetas), 3)
     weight = np.maximum(weight * np.sign(weight.sum()), 0.0) / sigma
+    share = float(np.sum(weight * overall) / np.sum(weight))
     weight = weight / np.sum(weight * overall)
     profile = np.einsum("kc,kpc->p", weight, signal)
     covariance = np.zeros((len(phi), len(phi)))
@@ -359,9 +366,6 @@ def _read(
         along = np.tensordot(weight[:, c], basis, axes=1)
         along -= along.mean(axis=0)
         covariance += variance[c] * along @ cho_solve(solved, along.T)
-    share = float(level.mean())
     modes = find_modes(phi, profile, covariance, unrolled.mean(axis=0), share)
     uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return Anisotropy(
-        modes, thetas, phi, unrolled * mean, profile, uncertainty, residual, share
-    )
+    return Anisotropy(modes, thetas, phi, unrolled * mean, profile, uncertainty, residual, share)

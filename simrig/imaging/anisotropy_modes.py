@@ -1,7 +1,8 @@
 """Anisotropic highlights in a profile over the azimuth: how many, where, how wide, how strong.
 
 At one polar angle of the half vector, the Beckmann distribution with roughness m_x, m_y is
-exp(κ cos 2(φ − φ₀)) up to a factor (von Mises), so profiles are fitted by a constant and such lobes.
+exp(κ cos 2(φ − φ₀)) up to a factor (von Mises), so profiles are fitted by a constant and such
+lobes.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 MOST = 4  # highlights
-_SIGNIFICANT = 10.0  # standard uncertainties: the largest of some hundred values of noise stays below
+_SIGNIFICANT = 14.0  # uncertainties: the largest of thousands of values of noise is below
 _RISE = 4.0  # standard uncertainties that a further highlight rises above its surroundings
+_CERTAIN = 5.0  # and its own standard uncertainties
 _LEAST_MODULATION = 8e-4  # of the whole picture: what the least squares may invent
 _LEAST = 0.02  # and over the strongest one
 _LARGEST_KAPPA = 400.0
@@ -90,13 +92,14 @@ def find_modes(
     if significance < _SIGNIFICANT or modulation * share < _LEAST_MODULATION:
         return Modes((), modulation, significance, np.empty((0, 3)), np.zeros(len(phi)))
     lobes, fitted = _fit(phi, profile, sigma)
-    peaks = _peaks(fitted)
+    peaks = prominences(fitted)
     height = max((rise for _, rise in peaks), default=0.0)
     found = [
         _mode(phi, fitted, covariance, colours, at, rise)
         for at, rise in peaks
         if rise > max(_LEAST * height, _RISE * sigma)
     ]
+    found = [mode for mode in found if mode.strength > _CERTAIN * mode.strength_uncertainty]
     found.sort(key=lambda mode: -mode.strength)
     return Modes(tuple(found), modulation, significance, lobes, fitted)
 
@@ -148,7 +151,7 @@ def _refined(
     return np.stack([found.x[:count] % np.pi, kappas, heights[:-1]], axis=-1), fitted
 
 
-def _peaks(profile: np.ndarray) -> list[tuple[int, float]]:
+def prominences(profile: np.ndarray) -> list[tuple[int, float]]:
     """Return places of the maxima and how far each rises above the higher valley beside it.
 
     The valley on a side is the lowest value before the profile exceeds the peak (prominence); of
@@ -184,7 +187,7 @@ def _mode(
     half = fitted[top] - 0.5 * rise
     flanks = (_flank(fitted, top, half, 1) * step, _flank(fitted, top, half, -1) * step)
     width = sum(flanks)
-    reach = max(int(round(0.5 * width / step)), 2)
+    reach = max(round(0.5 * width / step), 2)
     # a shift of the lobe changes the profile along its derivative: what noise does along it
     offsets = np.arange(-reach, reach + 1)
     window = (top + offsets) % count

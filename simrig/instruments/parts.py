@@ -324,6 +324,8 @@ class Ellipsoid(Part):
         reflectance: of the mirror.
         slope_rms_mrad: root mean square error of its slope.
         distance_mm: of camera and projector.
+        flash_mm: of the flash beside the lens.
+        flash_diameter_mm: of its disc.
         fps: pictures per second.
     """
 
@@ -333,6 +335,8 @@ class Ellipsoid(Part):
     reflectance: Share
     slope_rms_mrad: NotNegative = _ZERO
     distance_mm: Positive
+    flash_mm: NotNegative = _ZERO
+    flash_diameter_mm: NotNegative = _ZERO
     fps: Positive
 
 

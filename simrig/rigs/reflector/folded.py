@@ -11,7 +11,7 @@ two or three reflections. Beside them light reaches the sample from the flash it
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -23,11 +23,17 @@ from simrig.rigs.reflector.mirror import Reflector, follow
 _RINGS, _SECTORS = 120, 540  # of the mesh
 _PHASE = 0.3819660112501051  # no mesh line through a row of pixel centres
 _STEP_MM = 1e-6  # of derivatives by differences: rounding and curvature both below 1e-6
-_LEAST_SHARE = 0.8  # of the light that the pixels must account for; few large ones meet folds by chance
+_LEAST_SHARE = (
+    0.8  # of the light that the pixels must account for; few large ones meet folds by chance
+)
 _MOST_BOUNCES = 3
 # a disc by seven points, exact for polynomials up to degree 5 (Stroud S2: 5-1)
 _DISC = [(0.0, 0.0, 0.25)] + [
-    (np.sqrt(2.0 / 3.0) * np.cos(k * np.pi / 3.0), np.sqrt(2.0 / 3.0) * np.sin(k * np.pi / 3.0), 0.125)
+    (
+        np.sqrt(2.0 / 3.0) * np.cos(k * np.pi / 3.0),
+        np.sqrt(2.0 / 3.0) * np.sin(k * np.pi / 3.0),
+        0.125,
+    )
     for k in range(6)
 ]
 
@@ -66,6 +72,12 @@ class Folded:
         """Which pixels see the sample, (pixels, pixels) of bool."""
         return np.asarray(_inside(self.mirror, self.positions)).reshape(self.pixels, -1)
 
+    @property
+    def total(self) -> np.ndarray:
+        """Irradiance of every pixel, mean of the channels, (pixels, pixels)."""
+        whole = np.bincount(self.pixel, self.irradiance.mean(axis=-1), self.pixels**2)
+        return whole.reshape(self.pixels, -1)
+
     def polar_angles(self) -> np.ndarray:
         """Return the mean polar angle of what the mirror sends to each pixel, (pixels²,) radians.
 
@@ -101,7 +113,7 @@ def fold(
     return _fold(mirror, int(pixels), float(margin), int(flash_points))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=6)
 def _fold(mirror: Reflector, pixels: int, margin: float, flash_points: int) -> Folded:
     width = margin * mirror.opening_mm
     positions = _positions(pixels, width)
@@ -203,7 +215,9 @@ def _reflected(mirror: Reflector, source: np.ndarray, pixels: int, width: float)
             continue
         wide = 0.05 * (radius[rings[-1]] - radius[rings[0]]) + 0.01 * rim
         radius = np.linspace(
-            max(radius[rings[0]] - wide, 0.01 * rim), min(radius[rings[-1]] + wide, rim + 0.3), _RINGS
+            max(radius[rings[0]] - wide, 0.01 * rim),
+            min(radius[rings[-1]] + wide, rim + 0.3),
+            _RINGS,
         )
         mesh = radius[:, None, None] * around
         corners = mesh.reshape(-1, 2)
@@ -215,7 +229,9 @@ def _reflected(mirror: Reflector, source: np.ndarray, pixels: int, width: float)
         residual = positions[pixel] - follow(mirror, source, entry, bounces).landing
         step = np.einsum("nij,nj->ni", _mixed(inverse, own, weights), residual)
         entry = entry + np.clip(step, -0.3, 0.3)
-        part = _lit(mirror, source, pixel, entry, bounces, _mixed(bend, own, weights), width / pixels)
+        part = _lit(
+            mirror, source, pixel, entry, bounces, _mixed(bend, own, weights), width / pixels
+        )
         flux += _landing_flux(mirror, source, mesh, paths.valid)
         parts.append(part)
     share = sum(part[2].sum() for part in parts) * (width / pixels) ** 2 / flux if flux else 1.0
@@ -242,7 +258,7 @@ def _mesh_derivative(
         radius, angle: of the mesh in the large opening.
 
     Returns:
-        (n, 2, 2), zero near a fold, and (n,) the gradient of the determinant in 1/mm.
+        (n, 2, 2), zero near a fold, and (n,) the slope of the determinant in 1/mm.
     """
 
     def derivative(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -258,7 +274,13 @@ def _mesh_derivative(
     fold = np.abs(determinant) < 1e-2 * np.median(np.abs(determinant))
     inverse = np.linalg.inv(np.where(fold[..., None, None], np.eye(2), matrix))
     inverse[fold] = 0.0
-    bend = np.hypot(*derivative(determinant))
+    # what a fold needs: how the determinant changes along the entry that moves the landing least
+    gram = np.einsum("...ki,...kj->...ij", matrix, matrix)
+    least = np.linalg.eigh(gram)[1][..., :, 0]
+    outward, around = derivative(determinant)
+    cos, sin = cos[:, 0], sin[:, 0]
+    gradient = np.stack([outward * cos - around * sin, outward * sin + around * cos], axis=-1)
+    bend = np.abs(np.sum(gradient * least, axis=-1))
     return inverse.reshape(-1, 2, 2), bend.ravel()
 
 
@@ -341,7 +363,9 @@ def _flux_density(mirror: Reflector, source: np.ndarray, entry: np.ndarray) -> n
     return np.asarray(mirror.distance_mm**2 * cosine / squared)
 
 
-def _landing_flux(mirror: Reflector, source: np.ndarray, mesh: np.ndarray, valid: np.ndarray) -> float:
+def _landing_flux(
+    mirror: Reflector, source: np.ndarray, mesh: np.ndarray, valid: np.ndarray
+) -> float:
     """Return the flux of valid cells of a polar mesh of the large opening, in irradiance · mm²."""
     rings, sectors = mesh.shape[:2]
     radius = np.linalg.norm(mesh[:, 0], axis=-1)
@@ -369,8 +393,3 @@ def _veil(mirror: Reflector, positions: np.ndarray) -> Iterator[_Part]:
             towards = [sine * np.cos(phi), sine * np.sin(phi), np.sqrt(1.0 - sine * sine)]
             even = np.full(len(pixel), irradiance / (thetas * azimuths))
             yield pixel, np.tile(towards, (len(pixel), 1)), even, -1
-
-
-def with_flash_on_axis(mirror: Reflector) -> Reflector:
-    """Return the coaxial instrument, for which everything has a closed form."""
-    return replace(mirror, flash_mm=0.0)

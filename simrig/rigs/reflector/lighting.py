@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from simrig.core.kept import kept
 from simrig.imaging.anisotropy import Lighting
 from simrig.rigs.reflector.folded import Folded
 
 
 def lighting_of(folded: Folded) -> Lighting:
-    """Return the half vectors that light each pixel of a picture."""
+    """Return the half vectors that light each pixel of a picture, found once and kept with it."""
+    made: Lighting = kept(folded, "lighting", lambda: _lighting(folded))
+    return made
+
+
+def _lighting(folded: Folded) -> Lighting:
     view = folded.view[folded.pixel]
     half = folded.towards + view
     across = np.hypot(half[:, 0], half[:, 1])

@@ -8,13 +8,16 @@ illumination 50°). The semi-axes are not printed there; those here give that me
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from simrig.core.errors import SimrigError
+
+if TYPE_CHECKING:
+    from simrig.instruments.description import ReflectorDescription
 
 _WAVES = 24  # of a field of slope errors
 
@@ -100,6 +103,41 @@ class Reflector:
         if self.flash_mm > 0.3 * self.distance_mm:
             raise SimrigError("the flash must stand beside the lens, within 0.3 of its distance")
 
+    @classmethod
+    def from_description(cls, description: ReflectorDescription) -> Reflector:
+        """Return the perfectly placed instrument of a file (kind ``reflector``).
+
+        Raises:
+            SimrigError: numbers that make no such instrument.
+        """
+        part = description.reflector
+        across, along = (float(axis.value) for axis in part.semi_axes_mm)
+        opening, (low, high) = float(part.opening_mm.value), part.z_range_mm
+        ratio = 0.5 * opening / across
+        if low != 0.0 or not 0.0 < ratio < 1.0:
+            raise SimrigError(
+                "z_range_mm of a reflector starts at 0, where its opening is, and opening_mm is "
+                "less than twice the first of semi_axes_mm"
+            )
+        centre = along * np.sqrt(1.0 - ratio * ratio)
+        if not 0.0 < high <= centre + 1e-6:
+            raise SimrigError(
+                f"z_range_mm of a reflector must end at most where it is widest, {centre:.4g} mm"
+            )
+        wide = 2.0 * across * np.sqrt(1.0 - ((high - centre) / along) ** 2)
+        reflectance = float(part.reflectance.value)
+        return cls(
+            across_mm=across,
+            along_mm=along,
+            opening_mm=opening,
+            large_opening_mm=float(wide),
+            distance_mm=float(part.distance_mm.value),
+            flash_mm=float(part.flash_mm.value),
+            flash_diameter_mm=float(part.flash_diameter_mm.value),
+            reflectance=(reflectance, reflectance, reflectance),
+            slope_rms_mrad=float(part.slope_rms_mrad.value),
+        )
+
     @property
     def centre_mm(self) -> float:
         """Height of the ellipsoid's centre above the lower rim."""
@@ -157,12 +195,18 @@ class Reflector:
     @property
     def perfect(self) -> Reflector:
         """The same instrument without imperfections of the mirror."""
-        wanted = {**asdict(self), "reflectance": (1.0, 1.0, 1.0), "slope_rms_mrad": 0.0}
-        return Reflector(**{**wanted, "shift_mm": (0.0, 0.0), "tilt_mrad": (0.0, 0.0), "dust": 0.0})
+        return replace(
+            self,
+            reflectance=(1.0, 1.0, 1.0),
+            slope_rms_mrad=0.0,
+            shift_mm=(0.0, 0.0),
+            tilt_mrad=(0.0, 0.0),
+            dust=0.0,
+        )
 
 
-# The mirror for sweeping a ray (thesis section 3.1.6): the sample in one focus, camera and projector
-# in the other one, 1.5 m away; the openings then fix both semi-axes, and the lowest polar angle.
+# The mirror for sweeping a ray (thesis section 3.1.6): the sample in one focus, camera and
+# projector in the other one, 1.5 m away; the openings then fix both semi-axes.
 CONJUGATE = Reflector(across_mm=99.17089371, along_mm=756.52816614, flash_mm=0.0)
 
 

@@ -1,0 +1,161 @@
+"""``simrig reflector``: pictures under an ellipsoidal mirror, and the anisotropy that they show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from simrig.cli import frame
+from simrig.cli.options import Material, Overwrite, check_picture, write_picture
+from simrig.cli.outputs import output_file
+from simrig.core.errors import SimrigError
+
+Instrument = Annotated[
+    str, typer.Option(help="'reflector', or the TOML file of one (docs/instruments.md).")
+]
+
+
+def picture(
+    material: Material,
+    output: Annotated[Path, typer.Option(help="The picture: .exr holds values, .png shows them.")],
+    rotation: Annotated[float, typer.Option(help="Of the material, degrees.")] = 0.0,
+    pixels: Annotated[int, typer.Option(min=8, max=2048, help="Along each side.")] = 192,
+    flash_points: Annotated[int, typer.Option(help="1, or 7 for the flash's extent.")] = 1,
+    instrument: Instrument = "reflector",
+    overwrite: Overwrite = False,
+) -> frame.Report:
+    """Record the picture of a material under the reflector, folded (docs/reflector.md)."""
+    from simrig.core.cost import stopwatch
+    from simrig.files.load import load_material
+    from simrig.rigs.reflector.folded import fold
+    from simrig.rigs.reflector.folded import picture as record
+
+    check_picture(output)
+    mirror, brdf = _mirror(instrument), load_material(material)
+    with output_file(output, overwrite):
+        elapsed = stopwatch()
+        folded = fold(mirror, pixels, flash_points=flash_points)
+        image = record(folded, brdf, rotation)
+        seconds = elapsed()
+        level = float(image[folded.inside].max())
+        about = {"material": brdf.name, "rotation_deg": rotation, "unit": "radiance"}
+        write_picture(output, image, about, 1.0 / level if level > 0.0 else 1.0)
+    return frame.Report(
+        data={"file": output, "pixels": pixels, "largest": level, "compute_seconds": seconds},
+        shown=[f"{output}: {pixels} × {pixels} pixels, {seconds:.2f} s"],
+    )
+
+
+def analyse(
+    photograph: Annotated[Path, typer.Argument(help="A picture of the opening: .exr, .png, …")],
+    reference: Annotated[
+        Path | None, typer.Option(help="The same with an even dull material (black paper).")
+    ] = None,
+    opening: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,DIAMETER", help="Of the opening in pixels; found else."),
+    ] = None,
+    flash_azimuth: Annotated[
+        float | None,
+        typer.Option(help="Degrees from the picture's right to the flash; found else."),
+    ] = None,
+    instrument: Instrument = "reflector",
+    sheet: Annotated[
+        Path | None, typer.Option(help="Draw picture, axes, unrolled picture and profile, .png.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> frame.Report:
+    """Find the anisotropic highlights that one picture under the reflector shows."""
+    import numpy as np
+
+    from simrig.core.cost import stopwatch
+    from simrig.rigs.reflector.photograph import analyse_photograph, read_photograph
+
+    if sheet is None:
+        frame.refuse_unused("nothing is drawn without --sheet", "overwrite")
+    elif sheet.suffix.lower() != ".png":
+        raise SimrigError(f"'{sheet}': sheets are drawn as .png")
+    mirror = _mirror(instrument)
+    shown = read_photograph(photograph)
+    even = None if reference is None else read_photograph(reference)
+    elapsed = stopwatch()
+    found = analyse_photograph(shown, mirror, even, _numbers(opening), flash_azimuth)
+    seconds = elapsed()
+    if sheet is not None:
+        from simrig.viewing.reflector import draw_sheet
+
+        with output_file(sheet, overwrite):
+            draw_sheet(found, sheet)
+    modes = found.anisotropy.modes
+    highlights = [
+        {
+            "axis_deg": np.degrees(m.axis),
+            "axis_uncertainty_deg": np.degrees(m.axis_uncertainty),
+            "width_deg": np.degrees(m.width),
+            "width_uncertainty_deg": np.degrees(m.width_uncertainty),
+            "flanks_deg": [float(np.degrees(f)) for f in m.flanks],
+            "strength": m.strength,
+            "strength_uncertainty": m.strength_uncertainty,
+            "colour": list(m.colour),
+        }
+        for m in modes.found
+    ]
+    rows = [
+        (
+            f"{h['axis_deg']:.2f}° ± {h['axis_uncertainty_deg']:.2f}°",
+            f"{h['width_deg']:.1f}° ± {h['width_uncertainty_deg']:.1f}°",
+            f"{h['strength']:.4f} ± {h['strength_uncertainty']:.4f}",
+            " ".join(f"{c:.2f}" for c in m.colour),
+        )
+        for h, m in zip(highlights, modes.found, strict=True)
+    ]
+    said = f"{len(rows)} anisotropic highlight{'s' if len(rows) != 1 else ''}"
+    return frame.Report(
+        data={
+            "highlights": highlights,
+            "count": len(rows),
+            "modulation": modes.modulation,
+            "significance": modes.significance,
+            "opening": [found.opening.x, found.opening.y, found.opening.diameter],
+            "flash_azimuth_deg": found.flash_azimuth_deg,
+            "residual": found.anisotropy.residual,
+            "detection_seconds": found.seconds,
+            "compute_seconds": seconds,
+            "sheet": sheet,
+        },
+        shown=[
+            f"{said} (modulation {modes.modulation:.4f}, {modes.significance:.1f} standard "
+            "uncertainties)",
+            *([frame.table(("axis", "width", "strength", "colour"), rows)] if rows else []),
+            f"opening {found.opening.diameter:.1f} pixels at {found.opening.x:.1f}, "
+            f"{found.opening.y:.1f}; flash at {found.flash_azimuth_deg:.1f}°; detection "
+            f"{found.seconds:.2f} s of {seconds:.2f} s",
+        ],
+    )
+
+
+def _mirror(instrument: str) -> Any:
+    from simrig.instruments.description import ReflectorDescription, read_description, shipped
+    from simrig.rigs.reflector.mirror import Reflector
+
+    found = read_description(instrument) if instrument.endswith(".toml") else shipped(instrument)
+    if not isinstance(found, ReflectorDescription):
+        raise SimrigError(
+            f"'{instrument}' is a {found.instrument.kind}, not a reflector: name one of kind "
+            "'reflector'"
+        )
+    return Reflector.from_description(found)
+
+
+def _numbers(text: str | None) -> tuple[float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        x, y, diameter = (float(part) for part in text.split(","))
+    except ValueError:
+        raise SimrigError(f"--opening is x,y,diameter in pixels, got '{text}'") from None
+    if not (diameter > 0.0 and max(abs(x), abs(y), diameter) < float("inf")):
+        raise SimrigError(f"--opening must be finite, its diameter above 0, got '{text}'")
+    return x, y, diameter
