@@ -123,11 +123,11 @@ def _exposed(image: np.ndarray, folded: Folded, number: int) -> np.ndarray:
 
 def _isotropic(rng: np.random.Generator) -> Brdf:
     """Return an isotropic material: roughness from 0.05 to 1, or one that is Lambertian."""
-    tint = rng.uniform(0.02, 0.25, 3)
+    tint = rng.uniform(0.02, 0.25, 3).tolist()
     if rng.random() < 0.1:
         return Lambert(tint, "lambert")
     roughness = float(np.exp(rng.uniform(np.log(0.05), 0.0)))
-    shine = np.full(3, rng.uniform(0.02, 0.5))
+    shine = [float(rng.uniform(0.02, 0.5))] * 3
     return Ward(tint, shine, roughness, roughness, name=f"ward {roughness:.3f}")
 
 
