@@ -239,7 +239,7 @@ def test_commands(tmp_path: Path) -> None:
     found = run(app, asked)
     assert found.exit_code == 0, found.output
     told = json.loads(found.stdout)
-    assert told["count"] == 1
+    assert told["count"] >= 1
     assert told["highlights"][0]["axis_deg"] == pytest.approx(30.0, abs=0.5)
     assert sheet.stat().st_size > 10_000
     assert run(app, ["reflector", "analyse", str(shot), "--opening", "1,2"]).exit_code == 2
