@@ -10,9 +10,10 @@ from odd_materials import HalfAngle, Noisy, OneWay, Rim, Tape, Turned
 
 from command_line import done, refusal, simrig
 from simrig.brdf import Lambert, Ward, kurt_material
-from simrig.brdf.kriging.axis import mirror_axis
 from simrig.brdf.kriging.displayed import displayed_pairs
-from simrig.brdf.kriging.model import Samples, fit_model
+from simrig.brdf.kriging.images import mirror_axis
+from simrig.brdf.kriging.model import fit_model
+from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
@@ -232,7 +233,7 @@ def test_main_axes_are_found_at_any_azimuth():
 def test_an_axis_is_an_azimuth_and_not_one_from_that_of_the_model():
     turned = Turned(kurt_material("fabric112"), 0.5)
     wi, wv = displayed_pairs(300, REACH, REACH, 4)
-    samples = Samples(wi, wv, turned.eval(wi, wv), REACH, REACH)
+    samples = Samples.of(wi, wv, turned.eval(wi, wv), REACH, REACH)
     for axis in (0.0, 1.3):
         symmetry = Symmetry(reciprocal=True, half_turn=True, axis=axis)
         model = fit_model(samples, symmetry, evaluations=100)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 import pytest
+from odd_materials import OneWay
 from scipy.linalg import solve
 
-from simrig.brdf import KURT_MATERIALS, Lambert, evaluate, kurt_material
+from simrig.brdf import KURT_MATERIALS, Lambert, Ward, evaluate, kurt_material
 from simrig.brdf.kriging.choice import choose_model, left_out_error, with_profile
 from simrig.brdf.kriging.coordinates import (
     BACK,
@@ -17,9 +18,12 @@ from simrig.brdf.kriging.coordinates import (
     stretch_of_theta_d,
 )
 from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs, shown
+from simrig.brdf.kriging.images import contradicted
 from simrig.brdf.kriging.local import covariance, kriging_weights, predict
-from simrig.brdf.kriging.model import Samples, fit_model
+from simrig.brdf.kriging.model import fit_model
+from simrig.brdf.kriging.outliers import STANDS_OUT, WRONG, outstanding, trusted
 from simrig.brdf.kriging.predicted import predicted_delta_e
+from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
 from simrig.core.errors import SimrigError
@@ -44,7 +48,7 @@ SYMMETRIES = (
 
 def samples_of(brdf, count: int, seed: int = 3) -> Samples:
     wi, wv = displayed_pairs(count, REACH, REACH, seed)
-    return Samples(wi, wv, brdf.eval(wi, wv), REACH, REACH)
+    return Samples.of(wi, wv, brdf.eval(wi, wv), REACH, REACH)
 
 
 def random_table(symmetry: Symmetry, profile: np.ndarray | None = None) -> HalfDifferenceTable:
@@ -172,10 +176,10 @@ def test_fine_steps_that_all_angles_share_are_found():
     new = displayed_pairs(500, REACH, REACH, 4)
     angles, at = half_difference_angles(wi, wv), half_difference_angles(*new)
     values = np.full((2400, 3), 0.1)
-    even = fit_model(Samples(wi, wv, values, REACH, REACH), ISOTROPIC, evaluations=10)
+    even = fit_model(Samples.of(wi, wv, values, REACH, REACH), ISOTROPIC, evaluations=10)
     assert with_profile(even).profile is None
     values, truth = (0.1 * factor(a) * np.ones(3) for a in (angles, at))
-    without = fit_model(Samples(wi, wv, values, REACH, REACH), ISOTROPIC)
+    without = fit_model(Samples.of(wi, wv, values, REACH, REACH), ISOTROPIC)
     model = with_profile(without)
     assert model.profile is not None
     logs = model.transform.forward(truth, new[0][:, 2])
@@ -248,7 +252,7 @@ def test_grain_of_channels_apart_is_predicted_to_show_more_than_grain_of_all():
     wi, wv = displayed_pairs(500, REACH, REACH, 3)
     alike, apart = (np.exp(0.1 * rng.normal(size=(500, n))) * np.full(3, 0.1) for n in (1, 3))
     predicted = [
-        predicted_delta_e(fit_model(Samples(wi, wv, values, REACH, REACH), ISOTROPIC))
+        predicted_delta_e(fit_model(Samples.of(wi, wv, values, REACH, REACH), ISOTROPIC))
         for values in (alike, apart)
     ]
     assert predicted[1] > 1.3 * predicted[0]
@@ -257,9 +261,9 @@ def test_grain_of_channels_apart_is_predicted_to_show_more_than_grain_of_all():
 def test_few_samples_are_not_trusted_to_have_seen_all():
     wi, wv = displayed_pairs(400, REACH, REACH, 3)
     values = 0.1 + 1e-4 * np.random.default_rng(7).normal(size=(400, 3))
+    samples = Samples.of(wi, wv, values, REACH, REACH)
     few, many = (
-        predicted_delta_e(fit_model(Samples(wi[:n], wv[:n], values[:n], REACH, REACH), ISOTROPIC))
-        for n in (24, 400)
+        predicted_delta_e(fit_model(samples.only(np.arange(400) < n), ISOTROPIC)) for n in (24, 400)
     )
     assert few > 0.2  # all alike so far; yet so few have usually missed something
     assert many < 0.1
@@ -311,3 +315,35 @@ def test_images_are_pairs_of_the_hemisphere():
     i, v = from_half_difference(*images.T)
     assert min(i[:, 2].min(), v[:, 2].min()) > 0.1
     assert to_half_difference(i, v).theta_h == pytest.approx(images[:, 0], abs=1e-9)
+
+
+def test_of_a_pair_that_is_measured_again_the_last_value_counts():
+    wi, wv = displayed_pairs(6, REACH, REACH, 3)
+    values = np.arange(18.0).reshape(6, 3)
+    own = np.array([0, 1, 2, 1, 3, 0])
+    samples = Samples.of(wi[own], wv[own], values, REACH, REACH)
+    assert np.array_equal(samples.wi, wi[:4]) and np.array_equal(samples.wv, wv[:4])
+    assert np.array_equal(samples.values, values[[5, 3, 2, 4]])
+    assert samples.again.tolist() == [True, True, False, False]
+    more = samples.with_more(wi[2:3], wv[2:3], values[:1])
+    assert more.again.tolist() == [True, True, True, False]
+    assert np.array_equal(more.values[2], values[0])
+
+
+def test_what_stands_out_is_one_wrong_value_and_not_those_beside_it():
+    samples = samples_of(Ward(m_x=0.2, m_y=0.2), 200)
+    assert outstanding(fit_model(samples, ISOTROPIC)).max() < STANDS_OUT
+    samples.values[77] *= 100.0
+    model = fit_model(samples, ISOTROPIC)
+    found = outstanding(model)
+    assert np.flatnonzero(found > STANDS_OUT).tolist() == [77] and found[77] > WRONG
+    assert len(trusted(model).samples) == 199
+    samples.again[77] = True  # who measured it twice believes it
+    assert outstanding(fit_model(samples, ISOTROPIC))[77] == 0.0
+
+
+@pytest.mark.parametrize(("brdf", "differs"), [(Ward(m_x=0.2, m_y=0.2), False), (OneWay(), True)])
+def test_a_symmetry_is_contradicted_where_images_differ(brdf, differs):
+    model = fit_model(samples_of(brdf, 150), Symmetry(isotropic=True, mirror=True, half_turn=True))
+    assert contradicted(model, "reciprocal") is differs
+    assert not contradicted(model, "mirror")

@@ -11,7 +11,8 @@ from itertools import product
 import numpy as np
 
 from simrig.brdf.kriging.choice import choose_model, final_model
-from simrig.brdf.kriging.model import KrigingModel, Samples
+from simrig.brdf.kriging.model import KrigingModel
+from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
 from simrig.directions.spherical import to_vector
@@ -42,7 +43,7 @@ def reconstruct_kriging(measurement: Measured) -> Reconstructed:
     if has_findings(measurement.layout):
         findings = findings_of(measurement.layout)
         model = final_model(samples, findings.symmetry)
-        said = [findings.why(), findings.predicted()]
+        said = [findings.why(), findings.predicted(), *_contradicted(samples, model)]
     else:
         model = choose_model(samples, final=True)
         said = [f"{model.symmetry.describe()} (by left-out samples)"]
@@ -50,9 +51,17 @@ def reconstruct_kriging(measurement: Measured) -> Reconstructed:
     return Reconstructed(table, table.stored_bytes, (*said, nodes_in_words(table)))
 
 
+def _contradicted(samples: Samples, model: KrigingModel) -> list[str]:
+    """Return what became of samples that others contradict, in words."""
+    again, out = int(samples.again.sum()), len(samples) - len(model.samples)
+    said = [f"{again} measured again"] if again else []
+    said += [f"{out} left out, nothing confirms them"] if out else []
+    return [f"samples that all others about them contradict: {', '.join(said)}"] if said else []
+
+
 def samples_of(measurement: Measured) -> Samples:
     """Return the samples of a measurement as kriging takes them."""
-    return Samples(
+    return Samples.of(
         to_vector(measurement.theta_i, measurement.phi_i),
         to_vector(measurement.theta_v, measurement.phi_v),
         measurement.values,

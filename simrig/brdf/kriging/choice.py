@@ -9,8 +9,10 @@ import numpy as np
 
 from simrig.brdf.kriging.coordinates import Stretch, prior_of
 from simrig.brdf.kriging.displayed import shown
-from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
+from simrig.brdf.kriging.model import KrigingModel, fit_model
+from simrig.brdf.kriging.outliers import trusted
 from simrig.brdf.kriging.profile import fit_profile
+from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 
 # more symmetries are taken when they predict at most this much worse
@@ -40,7 +42,7 @@ def left_out_error(model: KrigingModel) -> float:
 
     The geometric mean of the two: what is displayed counts, and what is dark is not forgotten.
     """
-    misses, _ = model.left_out()
+    misses, _ = model.left_out
     radiance = model.transform.radiance(model.logs)
     weight = shown(radiance, model.level)
     displayed = np.mean(np.abs(misses) * weight) / max(np.mean(weight), 1e-300)
@@ -50,7 +52,8 @@ def left_out_error(model: KrigingModel) -> float:
 def final_model(samples: Samples, symmetry: Symmetry) -> KrigingModel:
     """Return the model of all samples, searched from narrow, usual and wide highlights.
 
-    The criterion of a fit has several valleys; the left-out samples say which is best.
+    The criterion of a fit has several valleys; the left-out samples say which is best. Samples
+    that all others contradict are left out for good.
     """
     usual = prior_of(symmetry).mean
     starts = [usual]
@@ -60,6 +63,9 @@ def final_model(samples: Samples, symmetry: Symmetry) -> KrigingModel:
         starts.append(start)
     models = [fit_model(samples, symmetry, start) for start in starts]
     best = min(models, key=left_out_error)
+    right = trusted(best).samples
+    if len(right) < len(samples):
+        return final_model(right, symmetry)
     longer = fit_model(samples, symmetry, best.parameters, final=True)
     return with_profile(min(longer, best, key=left_out_error), final=True)
 

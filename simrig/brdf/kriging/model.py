@@ -18,6 +18,7 @@ from simrig.brdf.kriging.coordinates import (
 from simrig.brdf.kriging.displayed import displayed_pairs, typical_level
 from simrig.brdf.kriging.local import kriging_weights, predict
 from simrig.brdf.kriging.profile import Profile
+from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 
 _FEWEST = 6  # samples; the parameters of fewer are the expected ones
@@ -26,36 +27,6 @@ _FINAL_EVALUATIONS = 240
 _NEAR = 16  # neighbours while parameters are chosen
 _LEVEL_PAIRS = 2048
 _FLOORS = {True: 0.01, False: 0.001}  # of the logarithm, over the level: isotropic or not
-
-
-@dataclass(frozen=True)
-class Samples:
-    """What was measured of a BRDF.
-
-    Attributes:
-        wi, wv: (n, 3) unit vectors.
-        values: (n, 3) f_r in 1/sr, >= 0.
-        theta_i_max, theta_v_max: how far the rig may look, radians.
-    """
-
-    wi: np.ndarray
-    wv: np.ndarray
-    values: np.ndarray
-    theta_i_max: float
-    theta_v_max: float
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def with_more(self, wi: np.ndarray, wv: np.ndarray, values: np.ndarray) -> Samples:
-        """Return these samples and more."""
-        return Samples(
-            np.concatenate([self.wi, wi]),
-            np.concatenate([self.wv, wv]),
-            np.concatenate([self.values, values]),
-            self.theta_i_max,
-            self.theta_v_max,
-        )
 
 
 @dataclass(frozen=True)
@@ -162,19 +133,25 @@ class KrigingModel:
     def _profile_at(self, angles: np.ndarray) -> np.ndarray | float:
         return 0.0 if self.profile is None else self.profile(angles[:, 0])
 
-    def left_out(self, neighbours: int = _NEAR) -> tuple[np.ndarray, np.ndarray]:
-        """Return what all other samples say of each, less the sample, and the deviation expected.
+    @cached_property
+    def left_out(self) -> tuple[np.ndarray, np.ndarray]:
+        """What all other samples say of each, less the sample, and the deviation expected.
 
-        Returns:
-            (n, 3) differences of logarithms and (n,) deviations over that of the signal.
+        (n, 3) differences of logarithms and (n,) deviations over that of the signal.
         """
         own = np.arange(len(self.samples))
-        near = _others(self.tree, self.features[own], own, len(own), neighbours)
-        points = self.features[own][:, None, :]
-        made, spread = predict(
-            self.features, self._of_images, points, near, self.coordinates.nugget
-        )
-        return made[:, 0] - self.interpolated, spread[:, 0]
+        return self.without(own, own[:, None])
+
+    def without(self, own: np.ndarray, excluded: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the same of samples ``own`` (m,), predicted without those ``excluded`` (m, e)."""
+        points, near = self.features[own][:, None, :], self.nearest(own, excluded, _NEAR)
+        nugget = self.coordinates.nugget
+        made, spread = predict(self.features, self._of_images, points, near, nugget)
+        return made[:, 0] - self.interpolated[own], spread[:, 0]
+
+    def nearest(self, own: np.ndarray, excluded: np.ndarray, wanted: int) -> np.ndarray:
+        """Return the nearest features to samples ``own``, of none ``excluded``, (m, k)."""
+        return _others(self.tree, self.features[own], excluded, len(self.samples), wanted)
 
 
 def fit_model(
@@ -250,7 +227,7 @@ class _Criterion:
         self._prior = prior_of(expected.symmetry)
         count = len(logs)
         features = self._coordinates(parameters)(images)
-        near = _others(cKDTree(features), features[chosen], chosen, count, _NEAR)
+        near = _others(cKDTree(features), features[chosen], chosen[:, None], count, _NEAR)
         used, place = np.unique(np.concatenate([chosen, near.ravel()]), return_inverse=True)
         self._angles = images[used]
         self._own, self._near = place[: len(chosen)], place[len(chosen) :].reshape(near.shape)
@@ -272,14 +249,14 @@ class _Criterion:
 
 
 def _others(
-    tree: cKDTree, points: np.ndarray, own: np.ndarray, count: int, wanted: int
+    tree: cKDTree, points: np.ndarray, excluded: np.ndarray, count: int, wanted: int
 ) -> np.ndarray:
-    """Return the nearest features that are no image of the sample itself, (n, k)."""
-    images = tree.n // count
-    wanted = min(wanted, images * (count - 1))
-    _, near = tree.query(points, k=min(wanted + images, tree.n))
-    itself = near % count == own[:, None]
-    order = np.argsort(itself, axis=1, kind="stable")
+    """Return the nearest features that are no image of the samples ``excluded`` (n, e), (n, k)."""
+    images, most = tree.n // count, excluded.shape[1]
+    wanted = min(wanted, images * (count - most))
+    _, near = tree.query(points, k=min(wanted + images * most, tree.n))
+    out = (near[:, :, None] % count == excluded[:, None, :]).any(axis=2)
+    order = np.argsort(out, axis=1, kind="stable")
     return np.asarray(np.take_along_axis(near, order, axis=1)[:, :wanted])
 
 

@@ -25,7 +25,7 @@ _AMPLITUDE_NEIGHBOURS = 8
 
 def amplitudes(model: KrigingModel, angles: np.ndarray) -> np.ndarray:
     """Return how large the signal is about angles (n, 4): from left-out samples near by, (n, 3)."""
-    misses, spread = model.left_out()
+    misses, spread = model.left_out
     own = np.square(misses / spread[:, None])
     count = min(_AMPLITUDE_NEIGHBOURS, len(own))
     _, near = model.tree.query(model.coordinates(angles), k=count)
@@ -37,7 +37,7 @@ def channels_root(model: KrigingModel) -> np.ndarray:
 
     Errors that all channels share change lightness, others colour, which shows more.
     """
-    misses, spread = model.left_out()
+    misses, spread = model.left_out
     scaled = misses / spread[:, None]
     size = np.sqrt(np.square(scaled).mean(axis=0)) + 1e-300
     # each sample counts alike, so that a few on a highlight do not speak for all

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -15,6 +15,12 @@ from simrig.directions.half_difference import HalfDifference
 # what a symmetry makes of theta_h, phi_h, theta_d, phi_d
 _SWAPPED, _TURNED = np.array([0.0, 0.0, 0.0, np.pi]), np.array([0.0, np.pi, 0.0, 0.0])
 _MIRRORED = np.array([1.0, -1.0, 1.0, -1.0])
+IMAGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "reciprocal": lambda angles: angles + _SWAPPED,
+    "half_turn": lambda angles: angles + _TURNED,
+    "mirror": lambda angles: angles * _MIRRORED,
+}
+"""The image of pairs (n, 4) under each symmetry, phi_h from the axis."""
 
 
 @dataclass(frozen=True)
@@ -86,16 +92,12 @@ class Symmetry:
             (i·n, 4): first the pairs themselves, then one image of all after the other. What an
             isotropic BRDF's coordinates do not see makes no image.
         """
-        found = [angles]
         if self.bivariate:
             return angles  # all images have the same coordinates
-        if self.reciprocal:
-            found += [image + _SWAPPED for image in found]
-        if not self.isotropic:
-            if self.half_turn:
-                found += [image + _TURNED for image in found]
-            if self.mirror:
-                found += [image * _MIRRORED for image in found]
+        found = [angles]
+        for name in ("reciprocal",) if self.isotropic else tuple(IMAGES):
+            if getattr(self, name):
+                found += [IMAGES[name](image) for image in found]
         return np.concatenate(found)
 
     def fold(self, at: HalfDifference) -> tuple[Array, Array]:

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simrig.brdf.kriging.axis import mirror_axis
 from simrig.brdf.kriging.choice import left_out_error
+from simrig.brdf.kriging.images import contradicted, mirror_axis
 from simrig.brdf.kriging.model import KrigingModel, fit_model
-from simrig.brdf.kriging.symmetry import Symmetry
+from simrig.brdf.kriging.symmetry import IMAGES, Symmetry
 
 _OF_ISOTROPIC = "reciprocal", "mirror"  # the symmetries that isotropic materials may lack
 _FIRST, _EVALUATIONS = 40, 100  # of the criterion: to see what is promising, and in all
 _PROMISING = 1.5  # the error after the first of them over that of the model in use
 _CLEARLY = 0.9  # another symmetry must predict this much better,
-_SLIGHTLY = 0.98  # another estimate of the axis this much
+_SLIGHTLY = 0.98  # another estimate of the axis, or what the pilot saw, this much
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ def looked_back(model: KrigingModel, bivariate: bool) -> Look:
     """Return which symmetries predict left-out samples clearly better than the one in use.
 
     Samples lie at all azimuths and in both orders, whatever was assumed, so that they show what a
-    pilot missed, and where a mirror plane lies.
+    pilot missed, and where a mirror plane lies. A symmetry is given up only where samples
+    contradict their images besides.
 
     Args:
         model: that is in use.
@@ -65,14 +66,32 @@ def looked_back(model: KrigingModel, bivariate: bool) -> Look:
     return Look(best, same, errors[best] / errors[same])
 
 
+def back_to(model: KrigingModel, first: Symmetry) -> KrigingModel:
+    """Return the model, or that of the symmetry that the pilot saw as soon as it predicts better.
+
+    Few samples can be predicted best by more symmetry than a material has: what differs little is
+    worth a dimension only once there are many.
+    """
+    if model.symmetry == first:
+        return model
+    other = _fitted(model, first, _EVALUATIONS)
+    return other if left_out_error(other) < _SLIGHTLY * left_out_error(model) else model
+
+
 def _clearly_better(
     model: KrigingModel, others: list[KrigingModel], errors: Mapping[KrigingModel, float]
 ) -> KrigingModel:
-    best = min(others, key=errors.__getitem__)
     own = model.symmetry  # an axis at exactly 0 is what the pilot tried, and no estimate
-    of_axis = own.axis != 0.0 and own == replace(best.symmetry, axis=own.axis)
-    wanted = _SLIGHTLY if of_axis else _CLEARLY
-    return best if errors[best] < wanted * errors[model] else model
+    for best in sorted(others, key=errors.__getitem__):
+        of_axis = own.axis != 0.0 and own == replace(best.symmetry, axis=own.axis)
+        wanted = _SLIGHTLY if of_axis else _CLEARLY
+        if errors[best] >= wanted * errors[model]:
+            break
+        given_up = [name for name in IMAGES if getattr(own, name) > getattr(best.symmetry, name)]
+        alike = best.symmetry.dimensions == own.dimensions
+        if not alike or all(contradicted(best, name) for name in given_up):
+            return best
+    return model
 
 
 def alternatives(symmetry: Symmetry, bivariate: bool) -> list[Symmetry]:

@@ -11,8 +11,10 @@ import numpy as np
 from simrig.brdf.kriging.choice import with_profile
 from simrig.brdf.kriging.coordinates import half_difference_angles
 from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs
-from simrig.brdf.kriging.model import KrigingModel, Samples, fit_model
+from simrig.brdf.kriging.model import KrigingModel, fit_model
+from simrig.brdf.kriging.outliers import STANDS_OUT, outstanding, trusted
 from simrig.brdf.kriging.predicted import predicted_delta_e
+from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.core.effects import parse_tolerance
 from simrig.core.errors import SimrigError
@@ -22,7 +24,7 @@ from simrig.plans.auto.batches import next_batch, travel_order
 from simrig.plans.auto.description import describe
 from simrig.plans.auto.families import FAMILIES, Choice, Shares, choose, family_named
 from simrig.plans.auto.findings import Doubt, findings_of, layout_of
-from simrig.plans.auto.look_back import looked_back
+from simrig.plans.auto.look_back import back_to, looked_back
 from simrig.plans.auto.pilot import Pilot, pilot_pairs
 from simrig.plans.auto.told import told
 from simrig.plans.listed import Directions
@@ -37,6 +39,7 @@ _BATCHES = 6
 _BATCHES_UNTIL = 14  # when the predicted error decides: more, smaller ones
 _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
+_SHARE_AGAIN = 0.05  # of a batch, at most, are samples that others contradict
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
 _PROBED = 512  # pairs that pictures show, for the bounds of effects
 
@@ -192,12 +195,14 @@ class _Run:
         symmetries: how many samples there were when each was taken.
         predictions: ΔE that was predicted with so many samples.
         doubts: what spoke against the family that the user wished.
+        taken: samples so far; those measured again count twice.
     """
 
     plan: AutomaticPlan
     symmetries: list[tuple[int, Symmetry]] = field(default_factory=list)
     predictions: list[tuple[int, float]] = field(default_factory=list)
     doubts: list[Doubt] = field(default_factory=list)
+    taken: int = 0
 
     def asked(self) -> Asked:
         plan = self.plan
@@ -205,35 +210,41 @@ class _Run:
         values = yield _angles(pilot.wi, pilot.wv)
         seen = describe(pilot, values)
         choice = choose(seen, plan.family)
-        self.symmetries.append((len(values), choice.symmetry))
-        samples = Samples(pilot.wi, pilot.wv, values, plan.theta_i_max, plan.theta_v_max)
+        self.taken = len(values)
+        self.symmetries.append((self.taken, choice.symmetry))
+        samples = Samples.of(pilot.wi, pilot.wv, values, plan.theta_i_max, plan.theta_v_max)
         model = fit_model(samples, choice.symmetry, evaluations=200)
         count = _BATCHES if plan.until is None else _BATCHES_UNTIL
-        ends = np.geomspace(len(samples), plan.samples, count + 1).round().astype(int)[1:]
+        ends = np.geomspace(self.taken, plan.samples, count + 1).round().astype(int)[1:]
         for number, end in enumerate(ends):
             if plan.until is not None and self._predicted(model) <= plan.until:
                 return model
-            wanted = int(end) - len(model.samples)
+            wanted = int(end) - self.taken
             if wanted <= 0:
                 continue
             wi, wv = self._batch(model, replace(choice, symmetry=model.symmetry), wanted, number)
             more = model.samples.with_more(wi, wv, (yield _angles(wi, wv)))
+            self.taken += wanted
             model = fit_model(more, model.symmetry, model.parameters, 100, profile=model.profile)
             model = with_profile(model)
-            if number in _LOOKS_BACK or (model.symmetry.bivariate and end == ends[-1]):
-                model = self._looked_back(model, seen.bivariate)
+            fully = number in _LOOKS_BACK or (model.symmetry.bivariate and end == ends[-1])
+            model = self._looked_back(model, choice.symmetry, seen.bivariate, fully)
         self._predicted(model)
         return model
 
     def _batch(
         self, model: KrigingModel, choice: Choice, wanted: int, number: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        measured = len(model.samples) + wanted
-        wi, wv = self._candidates(choice.shares, measured, number)
+        again = _again(model, wanted)
+        wi, wv = self._candidates(choice.shares, self.taken + wanted, number)
         angles = half_difference_angles(wi, wv, model.symmetry.axis)
-        chosen = next_batch(model, angles, np.ones(len(wi), dtype=bool), wanted)
-        chosen = chosen[travel_order(wi[chosen], wv[chosen])]
-        return wi[chosen], wv[chosen]
+        free = np.ones(len(wi), dtype=bool)
+        chosen = next_batch(model, angles, free, wanted - len(again))
+        samples = model.samples
+        wi = np.concatenate([samples.wi[again], wi[chosen]])
+        wv = np.concatenate([samples.wv[again], wv[chosen]])
+        order = travel_order(wi, wv)
+        return wi[order], wv[order]
 
     def _candidates(
         self, shares: Shares, measured: int, number: int
@@ -251,27 +262,44 @@ class _Run:
         )
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
-    def _looked_back(self, model: KrigingModel, bivariate: bool) -> KrigingModel:
+    def _looked_back(
+        self, model: KrigingModel, first: Symmetry, bivariate: bool, fully: bool
+    ) -> KrigingModel:
         """Return the model, or that of a symmetry that predicts left-out samples clearly better.
 
         Samples lie at all azimuths and in both orders, whatever was assumed, so that they show
         what a pilot missed. The shape that a user wished stays, and the doubt is told.
+
+        Args:
+            model: that is in use.
+            first: symmetry that the pilot saw; unless ``fully`` no other one is tried.
+            bivariate: whether the pilot allows that phi_d does not matter.
+            fully: whether the neighbouring ones are tried.
         """
-        look = looked_back(model, bivariate)
-        wished = self.plan.family
-        found = look.best
-        if wished is not None and FAMILIES[wished].shape is not None:
-            found = look.same
-            if look.best.symmetry.dimensions != found.symmetry.dimensions:
-                self.doubts.append(Doubt(len(model.samples), look.best.symmetry, look.share))
+        found = back_to(model, first)
+        if fully:
+            look = looked_back(found, bivariate)
+            wished = self.plan.family
+            found = look.best
+            if wished is not None and FAMILIES[wished].shape is not None:
+                found = look.same
+                if look.best.symmetry.dimensions != found.symmetry.dimensions:
+                    self.doubts.append(Doubt(self.taken, look.best.symmetry, look.share))
         if found is not model:
-            self.symmetries.append((len(model.samples), found.symmetry))
+            self.symmetries.append((self.taken, found.symmetry))
         return found
 
     def _predicted(self, model: KrigingModel) -> float:
-        predicted = predicted_delta_e(model)
-        self.predictions.append((len(model.samples), predicted))
+        predicted = predicted_delta_e(trusted(model))
+        self.predictions.append((self.taken, predicted))
         return predicted
+
+
+def _again(model: KrigingModel, wanted: int) -> np.ndarray:
+    """Return which samples to measure again among so many: those that stand out most."""
+    stands_out = outstanding(model)
+    most = np.argsort(-stands_out, kind="stable")[: max(1, int(_SHARE_AGAIN * wanted))]
+    return most[stands_out[most] > STANDS_OUT][: wanted - 1]
 
 
 def _angles(wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
