@@ -142,7 +142,7 @@ class KrigingModel:
         own = np.arange(len(self.samples))
         return self.without(own, own[:, None])
 
-    def without(self, own: np.ndarray, excluded: np.ndarray) -> tuple[np.ndarray, ...]:
+    def without(self, own: np.ndarray, excluded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the same of samples ``own`` (m,), predicted without those ``excluded`` (m, e)."""
         points, near = self.features[own][:, None, :], self.nearest(own, excluded, _NEAR)
         nugget = self.coordinates.nugget

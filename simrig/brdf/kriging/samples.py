@@ -71,5 +71,5 @@ class Samples:
 
     def only(self, kept: np.ndarray) -> Samples:
         """Return some of them, by a mask (n,)."""
-        rows = (part[kept] for part in (self.wi, self.wv, self.values))
-        return Samples(*rows, self.theta_i_max, self.theta_v_max, self.again[kept])
+        wi, wv, values = (part[kept] for part in (self.wi, self.wv, self.values))
+        return Samples(wi, wv, values, self.theta_i_max, self.theta_v_max, self.again[kept])
