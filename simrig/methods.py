@@ -29,6 +29,7 @@ from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.reconstruction.kriging import reconstruct_kriging
 from simrig.reconstruction.result import Reconstructed as Reconstructed
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
+from simrig.reconstruction.scattered.dense_bins import reconstruct_dense_bins
 from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
 from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
@@ -254,6 +255,12 @@ def _rbf(
     return Reconstructed.of(table, *made.notes, f"tabulated every {step_deg:g}°")
 
 
+def _from_bins(
+    measurement: Measurement, *, step_deg: float = 2.0, progress: Progress | None = None
+) -> Reconstructed:
+    return reconstruct_dense_bins(measurement, step_deg, progress)
+
+
 def _from_gantry(
     which: str,
     measurement: Measurement,
@@ -370,6 +377,15 @@ _ALL = (
             to_store={"step_deg": 5.0},
         )
         for name, about, neighbours, logarithms in _BY_RBF
+    ),
+    Method(
+        "dense-bins",
+        "very many samples in the bins of a dense table, medians (4.3)",
+        _from_bins,
+        "large-sample",
+        least_samples=100,
+        any_plan=True,
+        options=(Option("step_deg", float, "Degrees of a bin.", 2.0, least=1.0, most=30.0),),
     ),
     Method(
         "regular-grid",

@@ -7,6 +7,7 @@ from simrig.evaluation.studies import (
     automatic_plan,
     budget_coverage,
     critical_distance,
+    dense_brdf,
     isotropic_measured,
     plan_validation,
     reflector_axes,
@@ -45,6 +46,7 @@ STUDIES: dict[str, Study] = {
         room_switch.STUDY,
         pareto.STUDY,
         budget_coverage.STUDY,
+        dense_brdf.STUDY,
         btf_against_structure.STUDY,
         btf_slices.STUDY,
     )

@@ -105,8 +105,8 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = [
         {
             "kind": "direction",
-            "theta_deg": float(np.degrees(angles[n, 0])),
-            "azimuth_deg": float(np.degrees(np.mod(angles[n, 3] - angles[n, 2], 2.0 * np.pi))),
+            "theta_deg": round(float(np.degrees(angles[n, 0])), 6),
+            "azimuth_deg": round(float(np.degrees(angles[n, 3] - angles[n, 2])) % 360.0, 6),
             "intervals": int(holds[:, n].size),
             "held": int(holds[:, n].sum()),
             "held_k2": int(symmetrical[:, n].sum()),

@@ -39,6 +39,7 @@ from simrig.instruments.quantity import Part, Quantity, check_groups, quantities
 
 SHIPPED = {
     "utia": "utia.toml",
+    "utia-large": "utia_large.toml",
     "utia-btf": "utia_btf.toml",
     "merkur-gantry": "merkur_gantry.toml",
     "steady-gantry": "steady_gantry.toml",

@@ -90,6 +90,18 @@ class Plan(ABC):
         def samples(self) -> int:
             """How many samples the plan takes: exactly, or of some adaptive plans at most."""
 
+    def shots(self, samples: int) -> int:
+        """Return how many times the rig moves and exposes for the first so many samples."""
+        return samples
+
+    def check_instrument(self, instrument: Any) -> None:
+        """Raise SimrigError where the plan was laid out for another instrument; most fit any.
+
+        Args:
+            instrument: its numbers (``simrig.instruments.instrument.Instrument``).
+        """
+        return
+
     @classmethod
     @abstractmethod
     def for_material(cls, material: Brdf | None, **options: Any) -> Self:

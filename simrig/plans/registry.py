@@ -10,6 +10,7 @@ from simrig.core.options import checked_options
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.auto.plan import AutomaticPlan
 from simrig.plans.gantry import GantryPlan
+from simrig.plans.large_sample import LargeSamplePlan
 from simrig.plans.listed import Directions, SchemePlan
 from simrig.plans.protocol import Plan
 from simrig.plans.uniform import RegularGrid, UniformPlan
@@ -28,6 +29,7 @@ PLANS: dict[str, type[Plan]] = {
         SchemePlan,
         GantryPlan,
         VisibleNormalsPlan,
+        LargeSamplePlan,
         Directions,
     )
 }

@@ -82,6 +82,11 @@ class Gonioreflectometer(Rig):
         timing = GonioreflectometerTiming.of(description.timing)
         return cls(timing, Instrument.of(description, seed))
 
+    def check(self, material: Any, plan: Plan) -> None:
+        """Raise SimrigError where a plan cannot be measured (see ``Rig.check``)."""
+        super().check(material, plan)
+        plan.check_instrument(self.instrument)
+
     def reaches(self, angles: np.ndarray) -> np.ndarray:
         """Return which of (n, 4) directions in radians the axes reach, (n,) of bool."""
         low, high = np.radians(self.instrument.reach_deg).T
@@ -131,7 +136,7 @@ class Gonioreflectometer(Rig):
 
     def seconds(self, plan: Plan, angles: np.ndarray) -> float:
         """Return how long the hardware takes for directions of a plan, in seconds."""
-        return self.timing.seconds(len(angles), adaptive=plan.adaptive)
+        return self.timing.seconds(plan.shots(len(angles)), adaptive=plan.adaptive)
 
     def planned(
         self, material: Brdf, plan: Plan, tolerance: Tolerance, overrides: Overrides | None = None
