@@ -22,6 +22,7 @@ from simrig.core.errors import SimrigError, check_known
 from simrig.core.gamut import KEEP
 from simrig.core.options import Option, checked_options
 from simrig.plans.auto.plan import LEAST_SAMPLES
+from simrig.plans.large_sample import LargeSamplePlan
 from simrig.plans.protocol import Plan
 from simrig.plans.registry import PLANS, plan_type
 from simrig.plans.visible_normals import LEAST_SAMPLES as LEAST_OF_GRIDS
@@ -40,7 +41,7 @@ from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.gantry.rig import Gantry
 from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.protocol import Progress, Rig
-from simrig.rigs.registry import RIGS
+from simrig.rigs.registry import make_rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +80,7 @@ class Method:
         plan_options: of that plan.
         any_plan: whether it takes measurements by any plan, or by its own alone.
         rig: name of the rig that it was made for.
+        instrument: that its plan needs, where the rig's usual one will not do.
         options: what ``make`` takes.
         to_store: options with which the result can be stored, where without them it cannot.
         linear: whether the result is linear in the values, so that they may be negative.
@@ -92,6 +94,7 @@ class Method:
     plan_options: Mapping[str, Any] = field(default_factory=dict)
     any_plan: bool = False
     rig: str = Gonioreflectometer.name
+    instrument: str = ""
     options: tuple[Option, ...] = ()
     to_store: Mapping[str, Any] = field(default_factory=dict)
     linear: bool = False
@@ -170,7 +173,8 @@ class Method:
         Raises:
             SimrigError: too few samples, or what the rig refuses.
         """
-        rig = next((r for r in rigs if r.name == self.rig), None) or RIGS[self.rig]()
+        usual = make_rig(self.instrument or self.rig)
+        rig = next((r for r in rigs if r.name == self.rig), usual)
         plan = self.plan(material, samples)
         allowed = tolerance if rig.effect_names else None
         measurement = rig.measure(material, plan, tolerance=allowed, progress=progress)
@@ -256,7 +260,7 @@ def _rbf(
 
 
 def _from_bins(
-    measurement: Measurement, *, step_deg: float = 2.0, progress: Progress | None = None
+    measurement: Measurement, *, step_deg: float | None = None, progress: Progress | None = None
 ) -> Reconstructed:
     return reconstruct_dense_bins(measurement, step_deg, progress)
 
@@ -382,10 +386,15 @@ _ALL = (
         "dense-bins",
         "very many samples in the bins of a dense table, medians (4.3)",
         _from_bins,
-        "large-sample",
-        least_samples=100,
+        LargeSamplePlan.name,
+        least_samples=841,
         any_plan=True,
-        options=(Option("step_deg", float, "Degrees of a bin.", 2.0, least=1.0, most=30.0),),
+        instrument="utia-large",
+        options=(
+            Option(
+                "step_deg", float, "Degrees of a bin; as many samples allow.", least=1.0, most=30.0
+            ),
+        ),
     ),
     Method(
         "regular-grid",

@@ -23,7 +23,7 @@ from simrig.rigs.direct.recording import at
 from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.registry import make_rig
 
-SMALL = LargeSamplePlan(scheme="5", spacing_mm=70.0, oblique_azimuths=8)
+SMALL = LargeSamplePlan(centres="5", spacing_mm=70.0, oblique_azimuths=8)
 
 
 def test_the_numbers_of_the_thesis() -> None:
@@ -37,6 +37,14 @@ def test_the_numbers_of_the_thesis() -> None:
     assert rig.seconds(plan, np.empty((10_418_625, 0))) == rig.seconds(  # type: ignore[arg-type]
         Directions(plan.poses), plan.poses
     )
+
+
+def test_fewer_samples_are_fewer_pictures_of_fewer_points() -> None:
+    found = [LargeSamplePlan.for_material(samples=n) for n in (841, 8911, 10_418_625)]
+    assert [plan.pictures_taken for plan in found] == [841, 841, 8505]
+    assert all(p.samples <= n for p, n in zip(found, (841, 8911, 10_418_625), strict=True))
+    refused("too few", LargeSamplePlan.for_material, samples=840)
+    refused("contradict", LargeSamplePlan.for_material, samples=9000, spacing_mm=20.0)
 
 
 def test_points_see_light_and_camera_where_they_are() -> None:
@@ -100,7 +108,7 @@ def test_bins_hold_medians_and_are_reciprocal_only_where_the_samples_are() -> No
 
 def test_more_points_of_the_same_pictures_are_worth_more_than_their_centres() -> None:
     material, rig = kurt_material("fabric112"), make_rig("utia-large")
-    plan = LargeSamplePlan(scheme="12", spacing_mm=60.0, oblique_azimuths=8)
+    plan = LargeSamplePlan(centres="12", spacing_mm=60.0, oblique_azimuths=8)
     dense = METHODS["dense-bins"].reconstruct(rig.measure(material, plan), step_deg=6.0)
     sparse = METHODS["rbf-local"].reconstruct(rig.measure(material, Directions(plan.poses)))
     rng = np.random.default_rng(0)
@@ -126,12 +134,12 @@ def test_what_cannot_be_is_refused() -> None:
         ("too large beside light", {"radius_mm": 700.0}),
         ("at most 50,000,000", {"spacing_mm": 2.0}),
         ("above 0 mm", {"camera_mm": float("nan")}),
-        ("unknown scheme", {"scheme": "82x82"}),
+        ("unknown scheme", {"centres": "82x82"}),
     ):
         refused(words, LargeSamplePlan, **options)
     grey = Lambert((0.5, 0.5, 0.5), "grey")
     refused("the sample of", make_rig("utia").measure, grey, SMALL)
-    near = LargeSamplePlan(scheme="5", spacing_mm=70.0, light_mm=1000.0)
+    near = LargeSamplePlan(centres="5", spacing_mm=70.0, light_mm=1000.0)
     refused("give --light", make_rig("utia-large").measure, grey, near)
     found = make_rig("utia-large").measure(grey, SMALL)
     refused("must divide 360", reconstruct_dense_bins, found, 7.0)
@@ -142,7 +150,7 @@ def test_what_cannot_be_is_refused() -> None:
 
 def test_measured_and_reconstructed_on_the_command_line(tmp_path: Path) -> None:
     measured, table = tmp_path / "m.h5", tmp_path / "t.h5"
-    small = ("--scheme", "5", "--spacing", "140", "--oblique-azimuths", "0")
+    small = ("--centres", "5", "--spacing", "140", "--oblique-azimuths", "0")
     done(
         "measure", "lambert", "--rig", "utia-large", "--plan", "large-sample", *small,
         "--ideal", "-o", measured,

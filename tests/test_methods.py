@@ -184,7 +184,8 @@ def test_a_method_approaches_the_truth(name):
     result = METHODS[name].run(truth, 1100)
     assert METHODS[name].least_samples <= result.samples <= 1100
     overhead = name in ("auto", "slices", "slices-axial-diagonal")
-    assert result.hardware_seconds == RIG.timing.seconds(result.samples, adaptive=overhead)
+    moves = METHODS[name].plan(truth, 1100).shots(result.samples)
+    assert result.hardware_seconds == RIG.timing.seconds(moves, adaptive=overhead)
     assert result.bytes > 0 and result.reconstruction_seconds > 0.0 and result.notes
     assert mre_estimate(truth, result.brdf, 2000, step_deg=8.0).percent < 45.0
 

@@ -63,7 +63,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         **_STUDIED,
         "materials": ["fabric112"],
-        "plan": {"scheme": "5", "spacing_mm": 70.0, "oblique_azimuths": 8},
+        "plan": {"centres": "5", "spacing_mm": 70.0, "oblique_azimuths": 8},
         "step_deg": 10.0,
         "azimuths": 36,
         "pixels": 32,
@@ -123,7 +123,7 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     name = f"{Path(cell['material']).stem} {cell['way']}".replace(" ", "_")
     slow = isinstance(made.brdf, RbfBrdf)
     image = sphere.looked_up(made.brdf) if slow else sphere.rendered(made.brdf)
-    rows = [
+    rows: list[dict[str, Any]] = [
         row,
         picture_row(f"{name}_subspace", to_srgb8(shown["way"] * scale)),
         picture_row(f"{name}_sphere", to_srgb8(image * sphere.exposure)),

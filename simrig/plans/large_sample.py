@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 THETA_MAX_DEG = 87.0  # of a point's directions: the bin of 86° ends there
 _MOST_SAMPLES = 50_000_000
 _POSES_AT_ONCE = 256
+_PICTURES, _POINTS = 8505, 1225  # of the thesis
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class LargeSamplePlan(Plan):
     """Pictures of a large flat sample, read on a grid of points.
 
     Attributes:
-        scheme: directions of light and of camera to the sample's centre, all ordered pairs.
+        centres: scheme of directions of light and camera to the sample's centre, all ordered pairs.
         oblique_deg, oblique_azimuths: further directions of light, at one polar angle.
         radius_mm: of the circle in which values are read.
         spacing_mm: of the grid of points.
@@ -48,7 +49,10 @@ class LargeSamplePlan(Plan):
     name: ClassVar[str] = "large-sample"
     about: ClassVar[str] = "pictures of a large flat sample, many directions in each (4.3)"
     options: ClassVar[tuple[Option, ...]] = (
-        Option("scheme", str, "Of light and camera: 1 to 30, 81x81, 151x151 or a name.", "81x81"),
+        Option("samples", int, "At most so many, in the place of the others.", least=1, short="-n"),
+        Option(
+            "centres", str, "Directions to the centre: 1 to 30, 81x81, 151x151 or a name.", "81x81"
+        ),
         Option("spacing_mm", float, "Of the points at which a picture is read.", 14.0, least=0.1),
         Option("radius_mm", float, "Of the circle that holds these points.", 277.0, least=0.1),
         Option("oblique_azimuths", int, "Further lights at 85°.", 24, least=0, most=3600),
@@ -56,7 +60,7 @@ class LargeSamplePlan(Plan):
         Option("camera_mm", float, "Distance of the camera.", 2000.0, least=1.0),
     )
 
-    scheme: str = "81x81"
+    centres: str = "81x81"
     oblique_deg: float = 85.0
     oblique_azimuths: int = 24
     radius_mm: float = 277.0
@@ -81,23 +85,39 @@ class LargeSamplePlan(Plan):
             )
 
     @classmethod
-    def for_material(cls, material: Brdf | None = None, **options: Any) -> Self:
-        """Return the plan that options give; where the data end early it reads less."""
+    def for_material(  # type: ignore[override]
+        cls, material: Brdf | None = None, *, samples: int | None = None, **options: Any
+    ) -> Self:
+        """Return the plan that options give; where the data end early it reads less.
+
+        Args:
+            material: that will be measured.
+            samples: at most so many: fewer pictures and fewer points, in equal parts.
+            options: fields of the plan.
+
+        Raises:
+            SimrigError: too few samples, or samples beside options that decide their number.
+        """
         end = 90.0 if material is None else float(np.degrees(material.theta_max))
+        if samples is not None:
+            both = {"centres", "spacing_mm", "oblique_azimuths"} & set(options)
+            if both:
+                raise SimrigError(
+                    f"--samples and --{min(both).removesuffix('_mm').replace('_', '-')} contradict "
+                    "each other: give only one of them"
+                )
+            options |= _of_so_many(samples, options.get("radius_mm", cls.radius_mm))
         return cls(**options, largest_theta_deg=min(THETA_MAX_DEG, end))
 
     @property
     def points(self) -> np.ndarray:
         """Points of the grid within the circle, (n, 2) in mm; the centre is one of them."""
-        steps = int(self.radius_mm / self.spacing_mm)
-        line = self.spacing_mm * np.arange(-steps, steps + 1)
-        grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-        return grid[np.hypot(*grid.T) <= self.radius_mm]
+        return _grid(self.radius_mm, self.spacing_mm)
 
     @property
     def poses(self) -> np.ndarray:
         """Directions to the centre, (pictures, 4) theta_i, theta_v, phi_i, phi_v in radians."""
-        named = named_scheme(self.scheme)
+        named = named_scheme(self.centres)
         own = np.stack([named.theta, named.phi], axis=1)
         step = 2.0 * np.pi / max(self.oblique_azimuths, 1)
         oblique = np.stack(
@@ -207,3 +227,32 @@ class LargeSamplePlan(Plan):
         poses = self.poses[:: max(len(self.poses) // each, 1)]
         seen, read = self._seen(poses)
         return Directions(seen[read][:most])
+
+
+def _of_so_many(samples: int, radius_mm: float) -> dict[str, Any]:
+    """Return the fields of a plan of at most so many samples."""
+    # 24 oblique lights belong to 81 directions, as in the thesis; to the fewest, none
+    schemes = ["81x81", *map(str, range(30, 0, -1))]
+    sizes = [(name, len(named_scheme(name))) for name in schemes]
+    layouts = [(name, n, round(24 / 81 * n)) for name, n in sizes] + [(*sizes[-1], 0)]
+    wished = _PICTURES * min(np.sqrt(samples / (_PICTURES * _POINTS)), 1.0)
+    fitting = [one for one in layouts if one[1] * (one[1] + one[2]) <= max(wished, 1.0)]
+    centres, directions, oblique = fitting[0] if fitting else layouts[-1]
+    pictures = directions * (directions + oblique)
+    points = samples // pictures
+    if points == 0:
+        raise SimrigError(
+            f"{samples} samples are too few for a large sample, it takes at least {pictures}"
+        )
+    spacing = radius_mm * np.sqrt(np.pi / points)
+    while len(_grid(radius_mm, spacing)) > points:
+        spacing *= 1.01
+    return {"centres": centres, "oblique_azimuths": oblique, "spacing_mm": float(spacing)}
+
+
+def _grid(radius_mm: float, spacing_mm: float) -> np.ndarray:
+    """Return the points of a square grid within a circle, (n, 2); its centre is one of them."""
+    steps = int(radius_mm / spacing_mm)
+    line = spacing_mm * np.arange(-steps, steps + 1)
+    grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.asarray(grid[np.hypot(*grid.T) <= radius_mm])

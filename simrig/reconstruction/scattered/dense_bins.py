@@ -34,6 +34,7 @@ _LEAST_PAIRS = 100  # of bins in both orders, to tell
 _GUIDE = (48, 72, 24, 36)  # nodes of theta_h, phi_h, theta_d, phi_d
 _STRETCH = Stretch(float(np.radians(10.0)), 0.5)  # of theta_h
 _DARK = 1e-3  # of the mean value: the floor under logarithms
+_BINS_PER_SAMPLE = 25
 _LARGEST_TABLE = 2**31 // 3
 _CHUNK = 2**20
 _TABLE_WRAPS, _GUIDE_WRAPS = (False, False, True, True), (False, True, False, True)
@@ -42,14 +43,15 @@ Shape = tuple[int, int, int, int]
 
 def reconstruct_dense_bins(
     measurement: MeasuredPairs,
-    step_deg: float = STEP_DEG,
+    step_deg: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Reconstructed:
     """Return the table of a measurement with many directions.
 
     Args:
         measurement: samples in any directions; those beyond the last bin are left out.
-        step_deg: of all four angles; 2° makes 44 × 44 × 180 × 180 bins.
+        step_deg: of all four angles; 2° makes 44 × 44 × 180 × 180 bins. Unless given the smallest
+            of 2° to 30° at which there are no more than 25 bins for each sample.
         progress: called with steps done and in total.
 
     Returns:
@@ -59,6 +61,8 @@ def reconstruct_dense_bins(
     Raises:
         SimrigError: a step that does not divide 360°, or no sample within the bins.
     """
+    if step_deg is None:
+        step_deg = _step_for(len(measurement.values))
     shape, report = _shape(step_deg), progress or (lambda *_: None)
     samples = _Samples(measurement, step_deg, shape)
     places, medians = _medians(samples.bins, samples.values)
@@ -98,6 +102,11 @@ def reconstruct_dense_bins(
         f"{direct:,} of {weight.size:,} bins hold samples",
         f"{orders}: {len(places):,} bins, the rest is interpolated",
     )
+
+
+def _step_for(samples: int) -> float:
+    steps = (STEP_DEG, 3.0, 4.0, 5.0, 6.0, 8.0, 9.0, 10.0, 12.0, 15.0, 18.0, 20.0, 24.0)
+    return next((s for s in steps if np.prod(_shape(s)) <= _BINS_PER_SAMPLE * samples), 30.0)
 
 
 def _shape(step_deg: float) -> Shape:
