@@ -85,7 +85,7 @@ class LargeSamplePlan(Plan):
             )
 
     @classmethod
-    def for_material(  # type: ignore[override]
+    def for_material(
         cls, material: Brdf | None = None, *, samples: int | None = None, **options: Any
     ) -> Self:
         """Return the plan that options give; where the data end early it reads less.
