@@ -26,6 +26,7 @@ from simrig.cli import (
     pareto,
     plan,
     reconstruct,
+    record,
     reflector,
     render,
     stability,
@@ -61,6 +62,7 @@ _COMMANDS: Commands = {
     "run": experiment.run,
     "materials": materials.materials,
     "measure": measure.measure,
+    "record": record.record,
     "reconstruct": reconstruct.reconstruct,
     "plan": plan.plan,
     "render": render.render,
@@ -105,7 +107,11 @@ _GROUPS: dict[str, tuple[str, Commands]] = {
     "stimuli": ("Scenes of the study of structure: cylinders, frames, room.", _STIMULI),
 }
 # what plans, rigs and methods declare becomes options of these
-_DECLARED = {"measure": measure.declarers, "reconstruct": reconstruct.declarers}
+_DECLARED = {
+    "measure": measure.declarers,
+    "record": record.declarers,
+    "reconstruct": reconstruct.declarers,
+}
 
 for name, function in _COMMANDS.items():
     takes: dict[str, Any] = {"cls": declaring(_DECLARED[name])} if name in _DECLARED else {}

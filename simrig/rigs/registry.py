@@ -11,13 +11,18 @@ from simrig.instruments.description import SHIPPED, Description, read_descriptio
 from simrig.rigs.btf.device import BtfRig
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.gantry.rig import Gantry
+from simrig.rigs.imaging.rig import ImagingRig
 from simrig.rigs.protocol import Rig
 
-RIGS: dict[str, type[Rig]] = {rig.name: rig for rig in (Gonioreflectometer, Gantry, BtfRig)}
+RIGS: dict[str, type[Rig]] = {
+    rig.name: rig for rig in (Gonioreflectometer, Gantry, BtfRig, ImagingRig)
+}
+_LEVELS = {("gonioreflectometer", "imaging"): ImagingRig.name}  # kind of instrument, level
 _USUAL = {
     "gonioreflectometer": "utia",
     "gantry": "merkur-gantry",
     "btf": "utia-btf",
+    "imaging": "utia",
 }  # instrument of each
 
 
@@ -32,6 +37,8 @@ def make_rig(text: str | Path, **options: Any) -> Rig:
         SimrigError: an unknown name, what ``read_description`` refuses, or an option that the rig
             does not have.
     """
+    if str(text) == ImagingRig.name:
+        options = {"level": "imaging", **{k: v for k, v in options.items() if v is not None}}
     return rig_of(find_description(text), **options)
 
 
@@ -61,6 +68,8 @@ def rig_of(description: Description, **options: Any) -> Rig:
             "'simrig instrument' draws it"
         )
     kind = RIGS[description.instrument.kind]
+    level = _LEVELS.get((kind.name, str(options.get("level"))))
+    kind = kind if level is None else RIGS[level]
     made = checked_options(kind, options, RIGS.values(), "rig")
     try:
         return kind.from_description(description, **made)

@@ -25,6 +25,9 @@ from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.protocol import REACH_TOLERANCE, Rig
 from simrig.rigs.timing import GonioreflectometerTiming
 
+LEVEL = Option(
+    "level", str, "Evaluate f_r, or take pictures.", "direct", choices=("direct", "imaging")
+)
 _MOST_PROBED = 10_000  # samples of the measurement that finds where effects are bounded
 
 
@@ -53,6 +56,7 @@ class Gonioreflectometer(Rig):
     name: ClassVar[str] = "gonioreflectometer"
     about: ClassVar[str] = "two arms that place light and sensor anywhere above the sample"
     options: ClassVar[tuple[Option, ...]] = (
+        LEVEL,
         Option("seed", int, "Of noise and errors of the axes.", 0, least=0),
     )
     effect_names: ClassVar[tuple[str, ...]] = RIG_EFFECT_NAMES
@@ -68,13 +72,14 @@ class Gonioreflectometer(Rig):
 
     @classmethod
     def from_description(  # type: ignore[override]
-        cls, description: GonioreflectometerDescription, *, seed: int = 0
+        cls, description: GonioreflectometerDescription, *, seed: int = 0, level: str = "direct"
     ) -> Self:
         """Return the rig of an instrument file, without effects.
 
         Args:
             description: the file.
             seed: of noise and errors of the axes.
+            level: ``"direct"``; the registry gives the other one to ``ImagingRig``.
 
         Raises:
             SimrigError: numbers that contradict each other.

@@ -1,0 +1,186 @@
+"""A recording as a user asks for it: plain values, from which any process makes the same one."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig.core.effects import EffectPlan, Overrides, Tolerance, parse_tolerance
+from simrig.core.errors import SimrigError
+from simrig.files import hdf5
+from simrig.files.btf.hdf5 import CONTENT as BTF
+from simrig.files.btf.hdf5 import read_btf
+from simrig.files.load import load_material
+from simrig.instruments.description import Description, GonioreflectometerDescription, described
+from simrig.mesostructure import PRESETS, Tile, build_tile
+from simrig.plans.protocol import ListedPlan, Plan
+from simrig.rigs.btf.rig import view_order
+from simrig.rigs.imaging.effects import check_effects, plan_pictures
+from simrig.rigs.imaging.optics import Optics
+from simrig.rigs.imaging.recorder import Camera, Recording
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to record.
+
+    Attributes:
+        material: a name or a file.
+        instrument: what its file says.
+        angles: theta_i, theta_v, phi_i, phi_v of every pose in radians, in their order.
+        plan: what it is called.
+        sample_mm: side of the sample; the instrument's diameter where None.
+        pixels: (width, height) that are read out; what the frame needs where None.
+        spp, bounces: of a tile with structure.
+        frames: exposures of a picture, at most.
+        seed: of all chance.
+        effects: that are simulated.
+        not_reached: poses of the plan that are left out, by reason.
+    """
+
+    material: str
+    instrument: Mapping[str, Any]
+    angles: tuple[tuple[float, ...], ...]
+    plan: str
+    sample_mm: float | None = None
+    pixels: tuple[int, int] | None = None
+    spp: int = 4
+    bounces: int = 1
+    frames: int = 6
+    seed: int = 0
+    effects: tuple[str, ...] = ()
+    not_reached: Mapping[str, int] | None = None
+
+    def as_config(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+    def optics(self) -> Optics:
+        """Return the instrument at work (see ``Optics.of``)."""
+        description = described(self.instrument)
+        return Optics.of(description, self.sample_mm, self.pixels, self.seed)
+
+    def recording(self) -> Recording:
+        """Return what is recorded."""
+        angles = np.array(self.angles)
+        steepest = float(angles[:, :2].max())
+        camera = Camera(
+            self.optics(),
+            material_of(self.material, self.seed),
+            check_effects(tuple(self.effects)),
+            self.seed,
+            self.spp,
+            self.bounces,
+            self.frames,
+            steepest,
+        )
+        return Recording(camera, angles, self.plan, self.not_reached or {})
+
+
+def request_of(
+    material: str, description: Description, plan: Plan, **wishes: Any
+) -> tuple[Request, Any]:
+    """Return a request, without effects, for the poses of a plan that are reached; the material.
+
+    Poses are taken view by view; what an arm hides or an axis does not reach is left out and
+    counted.
+
+    Raises:
+        SimrigError: a plan whose directions are not known before, or of which none is reached;
+            what ``Optics.of`` refuses.
+    """
+    if not isinstance(plan, ListedPlan):
+        raise SimrigError(
+            f"a recording needs directions that are known before, not plan '{plan.name}': use plan "
+            "'scheme' or 'directions'"
+        )
+    if not isinstance(description, GonioreflectometerDescription):
+        Optics.of(description)  # says what is wrong
+    angles = np.asarray(plan.angles(), dtype=np.float64)
+    request = Request(
+        material,
+        description.model_dump(mode="json", exclude_none=True),
+        (),
+        plan.describe(),
+        **wishes,
+    )
+    placed = request.optics().moves.placed(angles)
+    missed = Counter(str(fault) for fault in placed.fault[~placed.reached])
+    angles = angles[placed.reached]
+    if not len(angles):
+        reasons = ", ".join(f"{count} {why}" for why, count in missed.items())
+        raise SimrigError(f"none of the {missed.total()} poses is reached: {reasons}")
+    angles = angles[view_order(angles)]
+    listed = tuple(tuple(float(a) for a in row) for row in angles)
+    made = replace(request, angles=listed, not_reached=dict(missed))
+    return made, material_of(material, made.seed)
+
+
+def planned(
+    request: Request, material: Any, tolerance: str | None, overrides: Overrides
+) -> tuple[Request, EffectPlan]:
+    """Return a request with the effects and bounces that a tolerance calls for, and how.
+
+    Raises:
+        SimrigError: no tolerance, or an unknown effect.
+    """
+    allowed: Tolerance = parse_tolerance(tolerance or "dE=0.5")
+    angles, optics = np.array(request.angles), request.optics()
+    chosen = plan_pictures(material, optics, angles, allowed, overrides)
+    bounces = 1
+    if isinstance(material, Tile):
+        from simrig.core import backend
+        from simrig.rigs.btf.bounces import plan_bounces
+
+        backend.select("auto")
+        shape = optics.sensor.pixels[::-1]
+        orders = plan_bounces(
+            material, angles, allowed, resolution=shape, spp=request.spp, seed=request.seed
+        )
+        bounces = int(orders.settings["bounces"])
+        chosen = replace(chosen, effects=(*chosen.effects, *orders.effects))
+    effects = tuple(chosen.settings["effects"])
+    return replace(request, effects=effects, bounces=bounces), chosen
+
+
+def material_of(source: str, seed: int = 0) -> Any:
+    """Return the BRDF, BTF or tile that a name or a file is.
+
+    Raises:
+        SimrigError: there is none.
+    """
+    path = Path(source)
+    if source in PRESETS and not path.exists():
+        return build_tile(source, seed=seed)
+    if path.suffix == ".h5" and path.is_file() and hdf5.content_of(path) == BTF:
+        return read_btf(path)
+    return load_material(source)
+
+
+def record_cell(config: Mapping[str, Any], cell: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Record some poses of one view in a worker: ``folder`` and request in the configuration.
+
+    Args:
+        config: ``Request.as_config`` and ``folder``, which all workers reach under this name.
+        cell: ``numbers`` of the poses.
+    """
+    plain = {key: value for key, value in config.items() if key != "folder"}
+    recording = _made(json.dumps(plain))
+    count = recording.take(Path(config["folder"]), np.array(cell["numbers"]))
+    return [{"poses": count}]
+
+
+@lru_cache(maxsize=2)
+def _made(text: str) -> Recording:
+    said = json.loads(text)
+    said["angles"] = tuple(tuple(row) for row in said["angles"])
+    for name in ("pixels", "effects"):
+        said[name] = None if said[name] is None else tuple(said[name])
+    return Request(**said).recording()

@@ -1,0 +1,267 @@
+"""Recordings on disk, the imaging level as a rig, and hard cases."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_instruments import UTIA_TEXT, with_key
+
+from command_line import done, refusal
+from refusals import refused
+from simrig.brdf import Lambert, kurt_material
+from simrig.core.effects import Overrides, Tolerance
+from simrig.instruments.description import described, shipped
+from simrig.plans.along_slices import SlicePlan
+from simrig.plans.listed import Directions
+from simrig.rigs.direct.recording import at
+from simrig.rigs.imaging.effects import EFFECT_NAMES
+from simrig.rigs.imaging.optics import Optics
+from simrig.rigs.imaging.recorder import Camera, Recording, kept, read_about
+from simrig.rigs.imaging.rig import ImagingRig
+from simrig.rigs.registry import make_rig
+
+UTIA = shipped("utia")
+ANGLES = np.radians(
+    [[30, 20, 0, 40], [30, 20, 10, 40], [60, 20, 90, 40], [40, 70, 5, 300], [85, 85, 5, 200.0]]
+)
+SATIN = kurt_material("yellow_satin")
+
+
+def camera(material: Any = SATIN, effects: tuple[str, ...] = EFFECT_NAMES, **more: Any) -> Camera:
+    few = tuple(name for name in effects if name not in ("light-size", "aperture-size"))
+    return Camera(Optics.of(UTIA, 5.0, (90, 80)), material, few, seed=5, **more)
+
+
+def arrays_of(folder: Path) -> dict[str, dict[str, np.ndarray]]:
+    found = {}
+    for path in sorted((folder / "poses").glob("*.npz")):
+        with np.load(path) as file:
+            found[path.name] = {name: file[name] for name in file.files if name != "record.json"}
+    return found
+
+
+def same(one: dict, other: dict) -> bool:
+    return one.keys() == other.keys() and all(
+        np.array_equal(one[pose][name], other[pose][name]) for pose in one for name in one[pose]
+    )
+
+
+def test_a_recording_is_what_the_contract_says(tmp_path: Path) -> None:
+    recording = Recording(camera(), ANGLES, "five", {"hidden by an arm": 2})
+    recording.run(tmp_path / "a")
+    about = read_about(tmp_path / "a")
+    assert (
+        about["poses"] == 5 and about["sensor"]["bits"] == 14 and about["sensor"]["cfa"] == "RGGB"
+    )
+    assert np.shape(about["sample"]["marks_mm"]) == (4, 3) and about["effects"]["defects"] is True
+    assert about["seconds"] == pytest.approx(9107.159 + 5 * 8.35454, abs=0.01)
+    assert described(about["instrument"]) == UTIA
+    poses = arrays_of(tmp_path / "a")
+    assert list(poses) == [f"{n:06d}.npz" for n in range(5)]
+    for number, arrays in enumerate(poses.values()):
+        frames, exposures = arrays["frames"], arrays["exposures"]
+        assert frames.dtype == np.uint16 and frames.shape == (len(exposures), 80, 90)
+        np.testing.assert_array_equal(arrays["angles"], ANGLES[number])
+        assert arrays["camera_to_world"].shape == (4, 4) and arrays["distortion"].shape == (5,)
+        np.testing.assert_allclose(np.linalg.norm(arrays["light_mm"]), 1300.0)
+    for name in ("white", "dark", "chart"):
+        with np.load(tmp_path / "a" / "calibration" / f"{name}.npz") as file:
+            assert file["frames"].shape[1:] == (80, 90)
+    with np.load(tmp_path / "a" / "calibration" / "dark.npz") as file:
+        frames = file["frames"].astype(float)
+        ordinary = np.abs(frames - 64.0) < 200.0
+        assert frames[ordinary].mean() == pytest.approx(64.0 + 0.544 * 3 * 1.6211, abs=0.5)
+
+
+def test_what_is_missing_or_damaged_is_recorded_again_with_the_same_bits(tmp_path: Path) -> None:
+    recording = Recording(camera(), ANGLES, "five", {})
+    recording.run(tmp_path / "a")
+    whole = arrays_of(tmp_path / "a")
+    (tmp_path / "a" / "poses" / "000001.npz").unlink()
+    damaged = tmp_path / "a" / "poses" / "000003.npz"
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    damaged.write_bytes(content)
+    again = Recording(camera(), ANGLES, "five", {})
+    assert sorted(np.concatenate(again.missing(tmp_path / "a"))) == [1, 3]
+    again.run(tmp_path / "a")
+    assert same(arrays_of(tmp_path / "a"), whole)
+    again.begin(tmp_path / "b")
+    for view in reversed(again.poses.views()):  # in another order, pose by pose
+        for number in view[::-1]:
+            again.take(tmp_path / "b", np.array([number]))
+    assert same(arrays_of(tmp_path / "b"), whole)
+    other = Recording(camera(Lambert()), ANGLES, "five", {})
+    refused(
+        "holds another recording .its (material|fingerprint) differs", other.begin, tmp_path / "a"
+    )
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "x.txt").write_text("mine")
+    refused("holds something else", again.begin, tmp_path / "c")
+    (tmp_path / "a" / "recording.json").write_text("{")
+    refused("is damaged", again.begin, tmp_path / "a")
+
+
+class Strange(Lambert):
+    """The same f_r everywhere, whatever it is."""
+
+    def __init__(self, value: float):
+        super().__init__()
+        self.value, self.name = value, "strange"
+
+    def eval(self, wi: Any, wv: Any, tables: Any = None) -> Any:
+        return np.full(np.broadcast(wi, wv).shape, self.value)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-6, 1e6])
+def test_black_and_dazzling_samples_are_recorded(value: float) -> None:
+    made = camera(Strange(value))
+    poses = made.poses(ANGLES[:1])
+    ((_, taken),) = made.take(poses, np.array([0]), [0])
+    frames = taken["frames"]
+    middle = frames[:, 35:45, 40:50]
+    if value == 1e6:
+        assert len(frames) >= 1 and np.all(middle[0] > 16000)  # the shortest saturates: said, kept
+    else:
+        expected = 64.0 + 0.544 * 400000.0 * value * np.cos(ANGLES[0, 0]) * taken["exposures"]
+        assert np.median(middle, axis=(1, 2)) == pytest.approx(expected, abs=6.0)
+    refused("negative or not finite", list, camera(Strange(np.nan)).take(poses, np.array([0]), [0]))
+    refused("negative or not finite", list, camera(Strange(-1.0)).take(poses, np.array([0]), [0]))
+
+
+def test_one_pixel_and_a_camera_that_sees_the_frame_only() -> None:
+    one = Camera(Optics.of(UTIA, 5.0, (1, 1)), SATIN, EFFECT_NAMES, seed=1)
+    ((_, taken),) = one.take(one.poses(ANGLES[:1]), np.array([0]), [0])
+    assert taken["frames"].shape[1:] == (1, 1) and taken["frames"][0, 0, 0] > 64
+    optics = replace(Optics.of(UTIA, 1.0, (20, 20)), sample_mm=1e-9, frame_mm=(1e-9, 30.0))
+    frame = Camera(optics, SATIN, ("fall-off",), seed=1)
+    ((_, taken),) = frame.take(frame.poses(ANGLES[:1]), np.array([0]), [0])
+    white = (taken["frames"][0] - 64.0) / 0.54396667 / taken["exposures"][0] / 400000.0
+    np.testing.assert_allclose(white, 0.8 / np.pi * np.cos(ANGLES[0, 0]), rtol=2e-3)
+
+
+def test_values_of_the_imaging_level() -> None:
+    """Without effects pictures give f_r; with noise, residuals are as large as they say."""
+    rng = np.random.default_rng(6)
+    angles = np.radians(rng.uniform([5, 5, 0, 0], [80, 80, 360, 360], (60, 4)))
+    for material in (SATIN, Lambert((0.5, 0.3, 0.1))):
+        ideal = ImagingRig.from_description(UTIA, spot_mm=1.0)  # type: ignore[arg-type]
+        found = ideal.record(material, angles)
+        truth = at(material, angles)
+        assert np.median(np.abs(found.values / truth - 1.0)) < 1e-5
+        assert np.percentile(np.abs(found.values / truth - 1.0), 95) < 1e-4
+        assert found.uncertainty is None
+    noisy = replace(ideal, effects=("photon-noise", "dark-noise", "quantisation"))
+    found = noisy.record(Lambert((0.5, 0.3, 0.1)), angles)
+    pull = (found.values - at(Lambert((0.5, 0.3, 0.1)), angles)) / found.uncertainty
+    assert pull.std() == pytest.approx(1.0, abs=0.17)  # 180 numbers: three standard errors
+    again = noisy.record(Lambert((0.5, 0.3, 0.1)), angles[::-1])
+    np.testing.assert_allclose(again.values[::-1], found.values, rtol=1e-12)
+
+
+def test_the_imaging_level_is_a_rig() -> None:
+    rig = make_rig("utia", level="imaging", spot_mm=2.0, seed=3)
+    assert isinstance(rig, ImagingRig) and isinstance(make_rig("imaging"), ImagingRig)
+    angles = np.radians([[30.0, 30.0, 40.0, 40.0], [30.0, 30.0, 40.0, 60.0]])
+    assert rig.reaches(angles).tolist() == [False, True]
+    refused("hidden by an arm; .*--transparent", rig.record, SATIN, angles)
+    through = make_rig("imaging", transparent=True)
+    assert through.reaches(angles).all()
+    refused("'gantry' has no --level", make_rig, "gantry", level="imaging")
+    planned = rig.planned(SATIN, Directions(angles[1:]), Tolerance("relative", 0.01))
+    assert planned.effect_plan is not None
+    assert {d.effect for d in planned.effect_plan.effects} == set(EFFECT_NAMES)
+    everything = Overrides(everything=True)
+    all_on = rig.planned(SATIN, Directions(angles[1:]), Tolerance("relative", 0.01), everything)
+    assert {"drift"} == set(EFFECT_NAMES) - set(all_on.effects)  # the instrument has none
+
+
+def test_bounds_hold() -> None:
+    """What leaving an effect out changes is within its bound, for each of them alone."""
+    angles = np.radians(np.random.default_rng(7).uniform([5, 5, 0, 0], [70, 70, 360, 360], (24, 4)))
+    rig = ImagingRig.from_description(UTIA, spot_mm=3.0)  # type: ignore[arg-type]
+    plan = Directions(angles)
+    planned = rig.planned(SATIN, plan, Tolerance("relative", 0.01))
+    ideal = rig.record(SATIN, angles).values
+    for decision in planned.effect_plan.effects:  # type: ignore[union-attr]
+        if decision.bound is None or decision.effect in ("light-size", "aperture-size"):
+            continue
+        change = replace(rig, effects=(decision.effect,)).record(SATIN, angles).values - ideal
+        assert np.abs(change).sum() / ideal.sum() <= decision.bound.value + 2e-6, decision.effect
+
+
+@pytest.mark.usefixtures("in_empty_folder")
+def test_the_command_records_and_refuses() -> None:
+    Path("p.txt").write_text("30 20 0 40\n30 20 10 40\n30 30 40 40\n")
+    small = ("--plan", "directions", "--pairs", "p.txt", "--sample-mm", "4", "--pixels", "90x80")
+    found = done("record", "yellow_satin", *small, "--tolerance", "relative=0.01", "-o", "r")
+    assert found["poses"] == 2 and found["not_reached"] == {"hidden by an arm": 1}
+    again = done("record", "yellow_satin", *small, "--tolerance", "relative=0.01", "-o", "r")
+    assert {**again, "effects": None} == {**found, "effects": None}
+    said = refusal("record", "yellow_satin", *small, "--ideal", "-o", "r")
+    assert "holds another recording" in said
+    assert "WIDTHxHEIGHT" in refusal("record", "wood01", "--pixels", "9", "-o", "s")
+    assert "use plan 'scheme'" in refusal("record", "wood01", "--plan", "slices", "-o", "s")
+    Path("one.txt").write_text("30 30 40 40\n")
+    hidden = ("--plan", "directions", "--pairs", "one.txt", "-o", "s")
+    assert "none of the 1 poses is reached: 1 hidden" in refusal("record", "wood01", *hidden)
+    Path("bad.toml").write_text(UTIA_TEXT.replace("pitch_um = 7.4", "pitch = 7.4"))
+    said = refusal("record", "wood01", *small, "--instrument", "bad.toml", "-o", "s")
+    assert "unknown key in [camera] 'pitch': did you mean 'pitch_um'?" in said
+    assert "with a gonioreflectometer" in refusal(
+        "record", "wood01", *small, "--instrument", "merkur-gantry", "-o", "s"
+    )
+    assert not Path("s").exists()
+    measured = done(
+        "measure", "yellow_satin", "--rig", "utia", "--level", "imaging", "--spot", "1",
+        "--plan", "directions", "--pairs", "p.txt", "--transparent", "-o", "m.h5",
+    )  # fmt: skip
+    assert measured["rig"] == "imaging" and measured["cost"]["samples"] == 3
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("in_empty_folder")
+def test_a_killed_recording_goes_on_with_the_same_bits() -> None:
+    rng = np.random.default_rng(8)
+    lines = np.round(rng.uniform([5, 5, 0, 0], [60, 60, 360, 360], (40, 4)), 3)
+    Path("p.txt").write_text("\n".join(" ".join(map(str, line)) for line in lines))
+    command = [
+        sys.executable, "-m", "simrig.cli", "record", "leather_tan", "--plan", "directions",
+        "--pairs", "p.txt", "--sample-mm", "4", "--pixels", "60x50",
+        "--disable", "light-size", "--disable", "aperture-size",
+    ]  # fmt: skip
+    subprocess.run([*command, "-o", "whole"], check=True, capture_output=True)
+    kills = 0
+    for wait in rng.uniform(3.0, 9.0, 4):
+        process = subprocess.Popen([*command, "-o", "cut"], stdout=-3, stderr=-3)
+        time.sleep(wait)
+        if process.poll() is None:
+            os.kill(process.pid, signal.SIGKILL)
+            kills += 1
+        process.wait()
+    subprocess.run([*command, "-o", "cut"], check=True, capture_output=True)
+    assert kills and same(arrays_of(Path("cut")), arrays_of(Path("whole")))
+    subprocess.run([*command, "-o", "spread", "--workers", "2"], check=True, capture_output=True)
+    assert same(arrays_of(Path("spread")), arrays_of(Path("whole")))
+    assert json.loads(Path("cut/recording.json").read_text())["poses"] == 40
+    assert not list(kept(Path("cut"), "poses").folder.glob("*.damaged"))  # type: ignore[union-attr]
+
+
+def test_other_plans_need_directions_known_before() -> None:
+    from simrig.rigs.imaging.request import request_of
+
+    plan = SlicePlan.for_material(SATIN, samples=200)
+    refused("needs directions that are known before", request_of, "yellow_satin", UTIA, plan)
+    table = with_key("light", "distance_mm", 2600)
+    behind = np.radians([[40.0, 40.0, 10.0, 10.0]])
+    refused("none of the 1 poses", request_of, "yellow_satin", described(table), Directions(behind))
