@@ -198,6 +198,16 @@ def test_sources_add_in_squares_where_they_are_independent() -> None:
         np.testing.assert_allclose(spread.rms, rest, rtol=0.08)
 
 
+def test_a_known_error_is_halved_by_correcting_for_it() -> None:
+    biased = instrument(light={"stray": {"value": 1e-3, "u": 1e-5}})
+    dominant = make_budget(GREY, biased, thetas_deg=[45.0], albedo=False).dominant
+    assert dominant is not None and dominant["source"] == "stray light"
+    assert dominant["U_halved"] == pytest.approx(0.5 * dominant["U"], rel=0.1)
+    assert dominant["share_percent"] <= 100.0
+    (way,) = dominant["ways"]
+    assert "corrected" in way["how"] and way["U"] < 0.2 * dominant["U"]
+
+
 def test_nothing_uncertain_gives_zero_and_says_so() -> None:
     certain = instrument(
         light={"diameter_mm": 0}, lens={"f_mm": 1e-6}, sample={"spot_diameter_mm": 1e-6}
@@ -293,7 +303,9 @@ def test_the_command_writes_what_it_says(tmp_path: Path) -> None:
     said = done(
         "budget", "red_velvet", "--pairs", pairs, "--trials", "200", "-o", csv, "-o", png
     )  # fmt: skip
-    assert len(said["values"]) == 1 and len(csv.read_text().splitlines()) == 1 + 2 * 17
+    assert len(said["values"]) == 1 and len(csv.read_text().splitlines()) == (
+        1 + 2 * 17 + len(said["curves"])
+    )
     assert png.read_bytes()[:4] == b"\x89PNG"
     low, high = np.array(said["values"][0]["interval_95"])
     assert np.all(low < said["values"][0]["f_r"]) and np.all(high > said["values"][0]["f_r"])

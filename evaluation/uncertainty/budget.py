@@ -162,9 +162,10 @@ class Table:
         return float(parts.max()) if parts.size else None
 
     def share(self, name: str) -> float:
-        """Return the median share of a source in the squared uncertainty."""
-        parts, total = self.parts(self.alone[name].rms), self.parts(self.total.rms)
-        return float(np.median((parts / np.maximum(total, 1e-300)) ** 2))
+        """Return the median share of a source in the sum of the squares of all."""
+        every = sum(self.parts(spread.rms) ** 2 for spread in self.alone.values())
+        part = self.parts(self.alone[name].rms) ** 2
+        return float(np.median(part / np.maximum(every, 1e-300)))
 
     def dominant(self) -> str | None:
         """Return the source with the largest share; None where nothing is uncertain."""

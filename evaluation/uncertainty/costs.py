@@ -9,7 +9,7 @@ often lets the light drift less; all else has to be bought. What can be bought s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -59,20 +59,19 @@ class Levers:
 
         Args:
             repeats, exposures: by which what averages is divided; not its bias.
-            factors: on the deviation of sources.
+            factors: on the errors of sources.
             spreads: in the place of those of the table.
         """
         alone = {**self.table.alone, **(spreads or {})}
         rest = self.table.total.rms**2 - sum(s.rms**2 for s in self.table.alone.values())
         total = np.zeros_like(rest)
         for name, spread in alone.items():
-            variance = np.maximum(spread.rms**2 - spread.bias**2, 0.0)
+            variance, bias = np.maximum(spread.rms**2 - spread.bias**2, 0.0), spread.bias**2
             if SOURCES[name].averages:
                 variance = variance / repeats
             if name in _BY_EXPOSURE:
                 variance = variance / exposures
-            variance = variance * (factors or {}).get(name, 1.0) ** 2
-            total = total + spread.bias**2 + variance
+            total = total + (factors or {}).get(name, 1.0) ** 2 * (bias + variance)
         return np.maximum(total + rest, 0.0)
 
     def expanded(self, mean_square: np.ndarray) -> float:
@@ -222,6 +221,11 @@ def halving(
     if source == "drift":
         readings = _readings(levers, instruments)
         ways.append(_way("the standard read twice as often", half, readings, 0.0))
+    centred = replace(table.alone[source], rms=_deviation(table.alone[source]))
+    if _halves(table, centred, source):
+        square = levers.mean_square(spreads={source: replace(centred, bias=0.0 * centred.bias)})
+        how = "values corrected for its mean, which is known"
+        ways.append(_way(how, levers.expanded(square), 0.0, 0.0))
     for one in instruments.description.alternative:
         changed = alternative_spreads(table, instruments, one)
         if source in changed and _halves(table, changed[source], source):
@@ -255,6 +259,10 @@ def _readings(levers: Levers, instruments: Instruments) -> float | None:
     return hours / interval.value * levers.timing.per_sample / 3600.0
 
 
+def _deviation(spread: Spread) -> np.ndarray:
+    return np.sqrt(np.maximum(spread.rms**2 - spread.bias**2, 0.0))
+
+
 def _halves(table: Table, then: Spread, source: str) -> bool:
     now, small = (np.median(table.parts(s.rms)) for s in (table.alone[source], then))
     return bool(small <= 0.51 * now)
@@ -271,5 +279,6 @@ def _way(how: str, expanded: float, hours: float | None, price_eur: float) -> di
 def _said(way: Mapping[str, Any], unit: str) -> str:
     cost = f"{way['price_eur']:,.0f} EUR" if way["price_eur"] else ""
     if not cost:
-        cost = "time not stated" if way["hours"] is None else f"{way['hours']:.3g} h more"
+        hours = way["hours"]
+        cost = "time not stated" if hours is None else f"{hours:.3g} h more" if hours else "free"
     return f"{way['how']}, {cost}, U {way['U']:.3g} {unit}"

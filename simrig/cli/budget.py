@@ -78,7 +78,7 @@ def budget(
             if path.suffix.lower() == ".png":
                 draw(made, path)
             else:
-                write_csv(path, made.rows())
+                write_csv(path, [*made.rows(), *({"quantity": "cost", **c} for c in made.curves)])
     data = {**made.to_dict(), "files": files}
     shown = [*tables(made), *(f"{path}" for path in files)]
     return frame.Report(data=data, shown=shown)
