@@ -28,6 +28,7 @@ _HOME = {
     "budget": "simrig.front_door.uncertainty",
     "compare": "simrig.front_door.comparing",
     "critical_distance": "simrig.front_door.seeing",
+    "imaging": "simrig",
     "load": "simrig.front_door.materials",
     "materials": "simrig.front_door.materials",
     "measure": "simrig.front_door.measuring",
@@ -50,6 +51,8 @@ __all__ = [*_HOME, "__version__"]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'simrig' has no attribute '{name}'")
+    if _HOME[name] == __name__:  # a room of its own
+        return importlib.import_module(f"{__name__}.{name}")
     found = getattr(importlib.import_module(_HOME[name]), _HOME_NAME.get(name, name))
     globals()[name] = found
     return found

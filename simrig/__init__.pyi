@@ -1,4 +1,5 @@
 # What ``__init__.py`` loads when it is used, as type checkers and editors see it.
+from simrig import imaging as imaging
 from simrig.brdf.protocol import Brdf as Brdf
 from simrig.btf.stack import BtfStack as Btf
 from simrig.core.backend import select as set_variant
@@ -32,6 +33,7 @@ __all__ = [
     "budget",
     "compare",
     "critical_distance",
+    "imaging",
     "load",
     "materials",
     "measure",

@@ -14,6 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from simrig.evaluation.stability.recordings import write_recording
 from simrig.files.images import read_image
 
 _EXPERIMENT = """
@@ -80,6 +81,12 @@ JOBS = (
         (("run", "experiment.toml", "--output", "out"),),
         "out",
         lambda folder: (folder / "experiment.toml").write_text(_EXPERIMENT),
+    ),
+    Job(
+        "process recording",
+        (("process", "recording", "recording", "--output", "out.h5", "--pixels", "32"),),
+        "out.h5",
+        lambda folder: write_recording(folder / "recording", poses=12),
     ),
     Job("study run", (("study", "run", "gantry-polar-angles", "--output", "out"),), "out"),
 )  # fmt: skip

@@ -25,6 +25,7 @@ from simrig.cli import (
     measure,
     pareto,
     plan,
+    process,
     reconstruct,
     record,
     reflector,
@@ -100,10 +101,23 @@ _STIMULI: Commands = {
     "chessboard": stimuli.chessboard,
     "room": stimuli.room,
 }
+_PROCESS: Commands = {
+    "merge": process.merge,
+    "defects": process.defects,
+    "flat": process.flat,
+    "illumination": process.illumination,
+    "demosaic": process.demosaic,
+    "colour": process.colour,
+    "register": process.register,
+    "plane": process.plane,
+    "tile": process.tile,
+    "recording": process.recording,
+}
 _GROUPS: dict[str, tuple[str, Commands]] = {
     "study": ("Published tables and figures beside ours.", _STUDY),
     "btf": ("BTFs: measure, look at, convert, fill, average.", _BTF),
     "reflector": ("One picture under an ellipsoidal mirror, and its anisotropy.", _REFLECTOR),
+    "process": ("From recorded pictures to values, stage by stage.", _PROCESS),
     "stimuli": ("Scenes of the study of structure: cylinders, frames, room.", _STIMULI),
 }
 # what plans, rigs and methods declare becomes options of these

@@ -9,7 +9,7 @@ of all directions stay those of one place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -97,13 +97,7 @@ def find_tiling(
     tiling = best[1]
     joined = np.array([tiling.cut(picture) for picture in equal])
     plain = equal[:, tiling.row :, tiling.column :][:, : tiling.height, : tiling.width]
-    return Tiling(
-        *(getattr(tiling, n) for n in ("row", "column", "height", "width", "overlap")),
-        tiling.down,
-        tiling.across,
-        seam=_seam(joined, tiling),
-        plain_seam=seam_of(plain),
-    )
+    return replace(tiling, seam=_seam(joined, tiling), plain_seam=seam_of(plain))
 
 
 def seam_of(tiles: np.ndarray) -> float:

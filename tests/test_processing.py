@@ -1,0 +1,161 @@
+"""A recording becomes f_r; what is damaged or interrupted loses nothing."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from command_line import done as run_json
+from command_line import refusal as bad_input
+from simrig.core.errors import SimrigError
+from simrig.evaluation.stability.recordings import PLANE, SAMPLE_MM, write_recording
+from simrig.evaluation.studies.registration.surfaces import SURFACES
+from simrig.files.btf.hdf5 import read_btf
+from simrig.files.images import read_image
+from simrig.rigs.imaging.processing import Settings, process_recording
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings") / "printout"
+    folder.mkdir()
+    write_recording(folder)
+    return folder
+
+
+def copied(recording, place):
+    import shutil
+
+    shutil.copytree(recording, place)
+    return place
+
+
+@pytest.fixture(scope="module")
+def processed(recording, tmp_path_factory):
+    output = tmp_path_factory.mktemp("processed") / "out.h5"
+    about = process_recording(recording, output, Settings(pixels=160, size_mm=32.0),
+                              output.with_suffix(""))  # fmt: skip
+    return output, about
+
+
+def test_values_are_those_of_the_surface(processed):
+    """The truth is the albedo that the rays read, at the points where the texels are."""
+    output, about = processed
+    assert about["marks_found"] == 9
+    assert abs(about["plane"]["z_mm"] - PLANE.z_mm) < 0.02
+    stack = read_btf(output)
+    images = stack.images(np.arange(9)).astype(np.float64)
+    surface = SURFACES["printout"](np.random.default_rng(0))
+    along = ((np.arange(160) + 0.5) / 160 - 0.5) * 32.0
+    texel = ((along / 64.0 * 800) + 399.5).round().astype(int)
+    truth = surface.albedo[np.ix_(texel[::-1], texel)] * PLANE.normal[2] / np.pi
+    for image in images:
+        assert image.mean() == pytest.approx(truth.mean(), rel=0.01)
+    flat = images[0, ..., 0]
+    assert np.corrcoef(flat.ravel(), truth.ravel())[0, 1] > 0.97
+    # plateaus, where neither lens nor pixels smooth anything
+    level = ndimage.maximum_filter(truth, 9) - ndimage.minimum_filter(truth, 9) < 1e-3
+    assert level.sum() > 500
+    for image in images[:6]:
+        assert np.mean(image[level, 0] / truth[level]) == pytest.approx(1.0, abs=0.005)
+    assert stack.size_mm == (32.0, 32.0)
+
+
+def test_registered_pictures_carry_their_pose(processed):
+    output, about = processed
+    pictures = sorted(output.with_suffix("").glob("*.exr"))
+    assert len(pictures) == about["poses"]
+    stack = read_btf(output)
+    shown = np.maximum(read_image(pictures[3]), 0.0)
+    assert np.allclose(shown, stack.images(np.array([3]))[0], atol=2e-4)
+    import OpenEXR
+
+    with OpenEXR.File(str(pictures[3]), separate_channels=True) as file:
+        header = file.header()
+        assert header["theta_v_deg"] == pytest.approx(np.degrees(stack.angles[3, 1]), abs=1e-4)
+        assert {"R", "G", "B", "xyz.X", "xyz.Y", "xyz.Z"} == set(file.channels())
+
+
+@pytest.mark.slow
+def test_a_killed_processing_ends_in_the_same_bits(recording, processed, tmp_path):
+    output = tmp_path / "out.h5"
+    own = ["process", "recording", str(recording), "-o", str(output), "--pixels", "160"]
+    own = [sys.executable, "-m", "simrig.cli", *own, "--size-mm", "32", "--quiet"]
+    with subprocess.Popen(own, stderr=subprocess.PIPE) as first:
+        pieces = tmp_path / ".out.h5.checkpoint"
+        while first.poll() is None and len(list(pieces.glob("*.npz"))) < 3:
+            time.sleep(0.01)
+        first.send_signal(signal.SIGKILL)
+    assert not output.exists()
+    subprocess.run(own, check=True, capture_output=True)
+    whole, again = read_btf(processed[0]), read_btf(output)
+    assert np.array_equal(whole.values[:], again.values[:])
+    assert {path.name for path in tmp_path.iterdir()} == {"out.h5"}
+
+
+def test_what_is_damaged_is_named_and_nothing_is_lost(recording, tmp_path):
+    folder = copied(recording, tmp_path / "recording")
+    whole = (folder / "poses" / "000005.npz").read_bytes()
+    (folder / "poses" / "000005.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(SimrigError, match=r"000005.npz' is damaged"):
+        process_recording(folder, tmp_path / "out.h5", Settings(pixels=16))
+    damaged = bytearray(whole)
+    damaged[5000] ^= 0xFF
+    (folder / "poses" / "000005.npz").write_bytes(damaged)
+    error = bad_input("process", "recording", folder, "-o", tmp_path / "out.h5", "--pixels", 16)
+    assert "000005.npz' is damaged" in error
+    (folder / "poses" / "000005.npz").unlink()
+    with pytest.raises(SimrigError, match="8 of 9 poses"):
+        process_recording(folder, tmp_path / "out.h5", Settings(pixels=16))
+    (folder / "recording.json").write_text("{")
+    with pytest.raises(SimrigError, match="damaged"):
+        process_recording(folder, tmp_path / "out.h5", Settings(pixels=16))
+    with pytest.raises(SimrigError, match="no recording"):
+        process_recording(tmp_path, tmp_path / "out.h5")
+
+
+def test_no_room_and_no_folder_are_one_line(recording, tmp_path):
+    error = bad_input("process", "recording", recording, "-o", tmp_path / "no" / "out.h5")
+    assert "does not exist" in error
+    about = json.loads((recording / "recording.json").read_text())
+    assert about["sample"]["size_mm"] == SAMPLE_MM
+
+
+def test_stages_work_on_files(tmp_path):
+    rng = np.random.default_rng(0)
+    import cv2
+
+    for name, time_s in (("a", 1.0), ("b", 0.25)):
+        frame = np.rint(200 + 0.5 * rng.poisson(8000 * time_s, (12, 14))).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / f"{name}.png"), frame)
+    made = run_json(
+        "process", "merge", tmp_path / "a.png", tmp_path / "b.png", "-o", tmp_path / "m.npz",
+        "--exposures", "1,0.25", "--gain", 0.5, "--black", 200, "--read-noise", 2,
+    )  # fmt: skip
+    assert made["saturated"] == 0.0 and made["shape"] == [12, 14]
+    value = np.load(tmp_path / "m.npz")["value"]
+    assert value.mean() == pytest.approx(8000.0, rel=0.005)
+    np.save(tmp_path / "w.npy", np.full((12, 14), 100.0))
+    run_json("process", "flat", tmp_path / "m.npz", "-o", tmp_path / "f.tif", "--white",
+             tmp_path / "w.npy")  # fmt: skip
+    run_json("process", "demosaic", tmp_path / "f.tif", "-o", tmp_path / "d.exr", "--pattern",
+             "RGGB", "--method", "planes")  # fmt: skip
+    assert read_image(tmp_path / "d.exr").shape == (6, 7, 3)
+    assert "as many exposures" in bad_input(
+        "process", "merge", tmp_path / "a.png", "-o", tmp_path / "x.npz", "--exposures", "1,2"
+    )
+    (tmp_path / "m.gif").write_bytes(b"GIF8")
+    assert "ends in none of" in bad_input(
+        "process", "flat", tmp_path / "m.gif", "-o", tmp_path / "x.npz", "--white",
+        tmp_path / "w.npy",
+    )  # fmt: skip
+    (tmp_path / "bad.npy").write_bytes(b"\x93NUMPY")
+    assert "damaged" in bad_input(
+        "process", "demosaic", tmp_path / "bad.npy", "-o", tmp_path / "x.npz", "--pattern", "RGGB"
+    )
+    assert not (tmp_path / "x.npz").exists()
