@@ -185,7 +185,7 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="closed-loop",
     about="pictures of a known BRDF give it back; what each effect of the camera costs",
     source="own question; thesis section 4.1",
