@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from simrig.evaluation.benchmarks import merging, planned, plugins, sampling, storage
+from simrig.evaluation.benchmarks import merging, planned, plugins, recording, sampling, storage
 from simrig.evaluation.benchmarks.btf import measurement as btf_measurement
 from simrig.evaluation.benchmarks.btf import rendering as btf
 from simrig.evaluation.benchmarks.whole_array import methods as whole_array
@@ -18,6 +18,7 @@ BENCHMARKS: dict[str, ModuleType] = {
     "merging": merging,
     "planned": planned,
     "plugins": plugins,
+    "recording": recording,
     "sampling": sampling,
     "storage": storage,
     "whole-array": whole_array,
