@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -101,12 +102,17 @@ def test_png_cicp(tmp_path, picture) -> None:
     linear = chunk(b"cICP", bytes([1, 8, 0, 1]))
     pixels = read_picture(png(tmp_path / "a.png", picture, linear)).pixels
     np.testing.assert_allclose(pixels, picture / 255.0, atol=1e-6)
-    with pytest.raises(SimrigError, match="cICP 9-16-0-1"):
+    with pytest.raises(SimrigError, match="perceptual quantizer"):
         read_picture(png(tmp_path / "b.png", picture, chunk(b"cICP", bytes([9, 16, 0, 1]))))
 
 
-def profile_of(matrix_columns: np.ndarray, curve: bytes) -> bytes:
-    """Return an ICC profile of a matrix and one curve for all channels."""
+NOTHING: Mapping[bytes, bytes] = {}
+
+
+def profile_of(
+    matrix_columns: np.ndarray, curve: bytes, more: Mapping[bytes, bytes] = NOTHING
+) -> bytes:
+    """Return an ICC profile of a matrix and one curve for all channels, and more tags."""
     xyz = {f"{c}XYZ".encode(): v for c, v in zip("rgb", matrix_columns.T, strict=True)}
     tags = {
         name: b"XYZ \0\0\0\0" + struct.pack(">3i", *(round(x * 65536) for x in v))
@@ -117,6 +123,7 @@ def profile_of(matrix_columns: np.ndarray, curve: bytes) -> bytes:
     text = b"test profile\0"
     tags[b"desc"] = b"desc\0\0\0\0" + struct.pack(">I", len(text)) + text + bytes(12 + 67)
     tags[b"cprt"] = b"text\0\0\0\0none\0"
+    tags |= more
     position = 128 + 4 + 12 * len(tags)
     table, body = struct.pack(">I", len(tags)), b""
     for name, tag in tags.items():
@@ -140,6 +147,21 @@ CURVES = {
     "table": b"curv\0\0\0\0" + struct.pack(">I", 256) + STEPS.tobytes(),
     "parametric": b"para\0\0\0\0" + struct.pack(">HH", 3, 0) + FIXED,
 }
+
+
+def test_profiles_that_say_more_than_matrix_and_curves(tmp_path, picture) -> None:
+    """A table beside the matrix is said; HDR, whose curves are a stand-in, is refused by name."""
+    path = tmp_path / "a.png"
+    tables = profile_of(WIDE, CURVES["gamma"], {b"A2B0": bytes(64)})
+    Image.fromarray(picture).save(path, icc_profile=tables)
+    assert "look-up table A2B0 is not used" in read_picture(path).says["iCCP"]
+    for transfer, name in ((16, "perceptual quantizer"), (18, "hybrid log-gamma")):
+        said = b"cicp\0\0\0\0" + bytes([9, transfer, 0, 1])
+        Image.fromarray(picture).save(
+            path, icc_profile=profile_of(WIDE, CURVES["gamma"], {b"cicp": said})
+        )
+        with pytest.raises(SimrigError, match=name):
+            read_picture(path)
 
 
 @pytest.mark.parametrize("curve", CURVES)

@@ -9,52 +9,26 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from planning_scenes import POINT, bound_of, simple
+from planning_scenes import AREA, POINT, T, bound_of, over_a_floor, plate, simple
 
 from simrig.core import backend
-from simrig.core.effects import Overrides, parse_tolerance, replaced
+from simrig.core.effects import Overrides, replaced
 from simrig.core.errors import SimrigError
 from simrig.planning import plan_budget, plan_scene, planned_render, verified_render
-from simrig.planning.change import Display
 from simrig.planning.loading import planned_subject
 from simrig.planning.maxima import brightest_of, matte_albedo
-from simrig.planning.noise import SamplingNoise
-from simrig.planning.rare import RareEvents
 from simrig.planning.shape_form import box_of, form_of, turns_normals
 from simrig.planning.source import scene_source
 from simrig.planning.survey import Survey
-from simrig.planning.tail import tail_of
 from simrig.planning.verification import Estimate
 from simrig.planning.view import View
 from simrig.rendering.scene_file import SceneFile
 from simrig.scenes.traps import TRAPS
 
 
-def T() -> Any:
-    """Return the identity of the variant that is set."""
-    return mi.ScalarTransform4f()
-
-
-AREA = {"type": "area", "radiance": {"type": "rgb", "value": 20.0}}
-
-
 @pytest.fixture(autouse=True)
 def variant() -> None:
     backend.select("llvm_ad_rgb")
-
-
-def plate(height: float, size: float, grey: float = 0.5, **more: Any) -> dict:
-    bsdf = {"type": "diffuse", "reflectance": {"type": "rgb", "value": grey}}
-    to_world = T().translate([0.0, 0.0, height]) @ T().scale([size, size, 1.0])
-    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf, **more}
-
-
-def over_a_floor(**more: Any) -> dict:
-    """Return a floor seen from above, 24 pixels wide."""
-    view = T().look_at([0, -1, 6], [0, 0, 0], [0, 1, 0])
-    film = {"type": "hdrfilm", "width": 24, "height": 24, "rfilter": {"type": "box"}}
-    camera = {"type": "perspective", "fov": 26.0, "to_world": view, "film": film}
-    return {"type": "scene", "sensor": camera, "floor": plate(0.0, 4.0), **more}
 
 
 def smooth_ball() -> Any:
@@ -209,15 +183,6 @@ def test_an_empty_scene_is_planned_and_rendered(light: dict | None) -> None:
     assert bool((picture.image > 0.0).any()) == lit
 
 
-def test_many_rare_events_are_drawn_quickly() -> None:
-    """As many as stand for them: a million samples of a hundred each would take minutes."""
-    rng = np.random.default_rng(5)
-    radiance = np.where(rng.random((256, 64, 1)) < 1.0 / 64.0, 5.0, 0.1) * np.ones(3)
-    rare = RareEvents(radiance, np.zeros(256, dtype=np.int64))
-    spread = [rare.errors(spp, np.random.default_rng(1)).std() for spp in (1 << 12, 1 << 20)]
-    assert spread[0] / spread[1] == pytest.approx(16.0, rel=0.2)
-
-
 def test_a_caustic_that_few_pixels_met_leaves_doubts() -> None:
     plan = plan_scene(TRAPS["caustic"].build(), "dE=2")
     assert plan.about["kept"] is None and "few samples" in plan.about["advice"]
@@ -266,78 +231,6 @@ def test_exposure_is_that_of_all_the_light() -> None:
     picture = planned_render(scene, plan).image
     bright = np.percentile(picture.max(axis=-1), 99.0)
     assert plan.about["exposure"] * bright == pytest.approx(0.8, rel=0.2)
-
-
-@pytest.mark.parametrize("filter_type", ["box", "gaussian"])
-def test_noise_is_foretold(filter_type: str) -> None:
-    """Stratified samples, and a filter wider than a pixel, leave less of it."""
-    card = plate(1.0, 0.5, 0.0)
-    lamp = plate(4.0, 0.6, emitter=AREA, flip_normals=True)
-    scene = over_a_floor(card=card, lamp=lamp)
-    scene["sensor"]["film"]["rfilter"] = {"type": filter_type}
-    plan = plan_scene(scene, "dE=1")
-    reference = planned_render(
-        scene, replace(plan, settings={**plan.settings, "spp": 4096}), seed=9
-    ).image
-    display = Display(parse_tolerance("dE=1"), plan.about["exposure"])
-    true = reference.reshape(-1, 3)
-    lit = (true > 0.0).any(axis=1)
-    off = [
-        display.per_pixel(planned_render(scene, plan, seed).image.reshape(-1, 3), true)[lit]
-        for seed in range(3)
-    ]  # fmt: skip
-    assert 0.7 < plan.about["noise"] / np.mean(off) < 2.0
-
-
-def test_a_wide_filter_averages() -> None:
-    """∫f² / (∫f)² of a Gaussian of σ = 0.5 is 1/(2 σ √π) on each axis, but for its cut ends."""
-    film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "gaussian"}}
-    camera = {"type": "perspective", "film": film}
-    view = View(mi.load_dict({"type": "scene", "s": camera}))
-    assert view.averaging == pytest.approx(np.pi, rel=0.03)
-    film["rfilter"] = {"type": "box"}
-    assert View(mi.load_dict({"type": "scene", "s": camera})).averaging == 1.0
-
-
-def test_tails_are_told_from_noise_that_has_an_end() -> None:
-    rng = np.random.default_rng(1)
-    shape = (256, 64, 1)
-    heavy = np.broadcast_to(rng.pareto(1.3, shape), (256, 64, 3))
-    found = tail_of(heavy)
-    assert 0.9 < found.exponent < 2.0
-    display = Display(parse_tolerance("dE=1"), 0.1)
-    assert found.change(16, 65536, display, heavy.mean(axis=1)) > 0.0
-    for tame in (rng.random(shape), rng.random(shape) < 0.3, np.zeros(shape)):
-        values = np.broadcast_to(tame.astype(float), (256, 64, 3))
-        assert tail_of(values).change(16, 65536, display, values.mean(axis=1)) == 0.0
-
-
-def test_stratified_groups_tell_their_gain() -> None:
-    rng = np.random.default_rng(2)
-    places = (np.arange(16) + rng.random((512, 4, 16))) / 16.0  # stratified on a line
-    values = np.repeat((places < 0.37).astype(float).reshape(512, 64, 1), 3, axis=2)
-    display = Display(parse_tolerance("relative=0.1"), 1.0)
-    stratified = SamplingNoise(values, display, groups=4)
-    independent = SamplingNoise(values, display, groups=1)
-    measured = np.abs(values.reshape(512, 4, 16, 3).mean(axis=2) - 0.37).mean() / 0.37
-    assert stratified.change(16) < 0.6 * independent.change(16)
-    assert stratified.change(16) > 0.8 * measured, "edges along strata are not trusted too far"
-
-
-def test_what_few_pixels_have_met_counts_for_those_around_them() -> None:
-    """A firefly in one sample of 300, of which a look of 64 finds some: against a brute force."""
-    rng = np.random.default_rng(3)
-    display = Display(parse_tolerance("dE=1"), 1.0)
-
-    def drawn(pixels: int, samples: int) -> np.ndarray:
-        met = rng.random((pixels, samples, 1)) < 1.0 / 300.0
-        return np.broadcast_to(0.1 + 4.0 * met, (pixels, samples, 3))
-
-    looked = SamplingNoise(drawn(1024, 64), display, parts=np.repeat(np.arange(64), 16))
-    mean = np.full((256, 3), 0.1 + 4.0 / 300.0)
-    for spp in (256, 1024):
-        true = display.per_pixel(mean, drawn(256, spp).mean(axis=1)).mean()
-        assert 0.75 < looked.change(spp) / true < 1.5
 
 
 def test_bright_samples_of_the_estimate_raise_no_alarm() -> None:

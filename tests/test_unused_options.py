@@ -72,6 +72,7 @@ COMMANDS = [
     ("measure fabric112 -o m2.h5 --rig gantry", "--seed 1"),
     ("measure fabric112 -o m2.h5 --rig gantry", "--tolerance dE=1"),
     ("measure fabric112 -o m2.h5 --ideal", "--enable noise"),
+    ("measure fabric112 -o m2.h5 --rig gantry", "--ideal"),
     ("measure leather_tan -o b.h5 --rig btf", "--theta-step 5"),
     ("btf measure leather_tan -o b.h5 --bounces 2", "--tolerance dE=1"),
     ("stability --files 1", "--every-case"),

@@ -67,10 +67,9 @@ def measure(
     wishes = given_options(context, PLANS.values())
     if effects.given and ideal:
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
-    if effects.given and not device.effect_names:
-        raise SimrigError(
-            f"rig '{device.name}' simulates no effects: leave out the options that choose some"
-        )
+    if (effects.given or ideal) and not device.effect_names:
+        named = "--ideal" if ideal else "the options that choose some"
+        raise SimrigError(f"rig '{device.name}' simulates no effects: leave out {named}")
     chosen = None
     if device.effect_names and not ideal:
         chosen = (

@@ -176,11 +176,11 @@ class AntiAliasing:
     _asked: dict = field(default_factory=dict, repr=False)
 
     def bound(self, subject: SampledSubject, tolerance: Tolerance) -> Bound | None:
-        """Return the expected change of one sample per pixel."""
+        """Return the expected change of one sample per pixel, and three standard errors."""
         if subject.subject.source.pixel_centres:
             why = "the camera looks through pixel centres only"
             return Bound(0.0, tolerance.unit, why, absent=True)
-        change = subject.change(tolerance, 1)
+        change = subject.change_at_most(tolerance, 1)
         return Bound(
             change, tolerance.unit, f"one sample for each of {len(subject.radiance)} pixels"
         )

@@ -31,6 +31,7 @@ MOST_SAMPLES = 1 << 20
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
 _SAFETY = 1.1
 _TRIALS = 4
+_CERTAIN = 3.0  # standard errors
 _SEED = 7
 IN_A_PIXEL, ALONG_PATHS = 2, 8  # dimensions of what a sample draws
 
@@ -83,6 +84,20 @@ class SamplingNoise:
         rare = self.tail.change(spp, self.pixels, self.display, self._mean)
         return math.hypot(_SAFETY * seen, rare)
 
+    def at_most(self, spp: int) -> float:
+        """Return the expected change with three standard errors over the looked-at pixels."""
+        expected = self.change(spp)
+        lit = (self._mean > 0.0).any(axis=-1)
+        if not lit.any():
+            return expected
+        together = max(round(spp * self.averaging), 1)
+        steps = np.mean(self._steps(together, self._gain_of(spp)), axis=0)[lit]
+        unseen = max(1.0 - len(self.radiance) / self.pixels, 0.0)
+        error = _CERTAIN * float(steps.std()) * math.sqrt(unseen / len(steps))
+        mean = float(steps.mean())
+        whole, most = (self.display.of_mean(x, self._mean[lit]) for x in (mean, mean + error))
+        return expected * most / whole if whole > 0.0 else expected
+
     @property
     def _count(self) -> int:
         return int(self.radiance.shape[1])
@@ -107,6 +122,11 @@ class SamplingNoise:
             gain: what stratification leaves of their noise.
             rare: whether events count that few pixels met.
         """
+        steps = self._steps(spp, gain, rare)
+        return float(np.mean([self.display.total(step, self._mean) for step in steps]))
+
+    def _steps(self, spp: int, gain: float, rare: bool = True) -> list[np.ndarray]:
+        """Return the change of each pixel in some trials, (n,) each."""
         draw = self._split if 2 * spp <= self._count else self._shaken
         changes = []
         for trial in range(_TRIALS):
@@ -116,8 +136,8 @@ class SamplingNoise:
                 mean = self._mean
                 error = error + self._rare.errors(spp, np.random.default_rng((_SEED, trial)))
             noisy = np.maximum(mean + error, 0.0)
-            changes.append(self.display.total(self.display.per_pixel(mean, noisy), self._mean))
-        return float(np.mean(changes))
+            changes.append(self.display.per_pixel(mean, noisy))
+        return changes
 
     @cached_property
     def _mixed(self) -> np.ndarray:

@@ -353,7 +353,7 @@ def _samples(
         return 1, decision, 0.0
     fills = seconds is not None and math.isfinite(seconds)
     if not decision.on and not fills:
-        return 1, decision, decision.bound.value
+        return 1, decision, sampled.change(allowed, 1)
     spp, change = sampled.needed(allowed, allowed.amount)
     reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
     most = sampled.samples_within(MOST_SECONDS if seconds is None else seconds)

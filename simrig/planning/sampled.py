@@ -47,6 +47,10 @@ class SampledSubject:
             return 0.0
         return self._noise(tolerance).change(spp)
 
+    def change_at_most(self, tolerance: Tolerance, spp: int) -> float:
+        """Return the same with three standard errors over the looked-at pixels."""
+        return self._noise(tolerance).at_most(spp)
+
     def needed(self, tolerance: Tolerance, allowed: float) -> tuple[int, float]:
         """Return the samples per pixel that keep the change within what is allowed."""
         return self._noise(tolerance).samples_needed(allowed)

@@ -17,6 +17,9 @@ from simrig.files.pictures import primaries
 
 _MOST_TAGS = 256
 _MOST_ENTRIES = 1 << 16
+_TABLES = ("A2B0", "A2B1", "D2B0")  # that a profile may hold beside its matrix
+# transfer characteristics of ITU-T H.273 whose values are no share of a display's white
+HDR = {16: "perceptual quantizer, SMPTE ST 2084", 18: "hybrid log-gamma, ARIB STD-B67"}
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -51,6 +54,11 @@ def read_profile(content: bytes, what: str, grey: bool = False) -> Profile:
         tags = _tags(content)
         name = _description(tags.get("desc", b"")) or "unnamed"
         space = content[16:20].decode("latin-1").strip()
+        if (transfer := tags.get("cicp", bytes(12))[9]) in HDR:
+            raise SimrigError(
+                f"{what} has the HDR profile '{name}' ({HDR[transfer]}), which is not read: "
+                "convert it to sRGB, or to OpenEXR"
+            )
         if space == "GRAY" and "kTRC" in tags:
             return Profile(name, _each([_curve(tags["kTRC"])]), None)
         if space != "RGB" or not {"rXYZ", "gXYZ", "bXYZ", "rTRC", "gTRC", "bTRC"} <= set(tags):
@@ -60,6 +68,8 @@ def read_profile(content: bytes, what: str, grey: bool = False) -> Profile:
             )
         if grey:
             return Profile(name, _each([_curve(tags["gTRC"])]), None)
+        if tables := [tag for tag in _TABLES if tag in tags]:
+            name += f" (its matrix and curves; its look-up table {tables[0]} is not used)"
         columns = np.stack([_xyz(tags[f"{c}XYZ"]) for c in "rgb"], axis=-1)
         curves = [_curve(tags[f"{c}TRC"]) for c in "rgb"]
     except (struct.error, ValueError, IndexError, KeyError) as error:

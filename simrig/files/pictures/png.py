@@ -142,13 +142,17 @@ def _cicp(
         or code[2:] != (0, 1)
     ):
         raise SimrigError(
-            f"{what} says cICP {'-'.join(map(str, code))} (ITU-T H.273), which is not read: "
+            f"{what} says cICP {'-'.join(map(str, code))} ({_transfer(code)}), which is not read: "
             "convert it to sRGB, or to OpenEXR where it is HDR"
         )
     stated = _CICP_PRIMARIES[code[0]]
     made = (f"by its cICP {'-'.join(map(str, code))}",)
     said = {"cICP": "-".join(map(str, code))}
     return curves[code[1]], primaries.to_srgb(stated, what), said, made
+
+
+def _transfer(code: tuple[int, ...]) -> str:
+    return icc.HDR.get(code[1] if len(code) > 1 else 0, "ITU-T H.273")
 
 
 def _power(exponent: float) -> Decode:

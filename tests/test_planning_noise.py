@@ -1,0 +1,122 @@
+"""The noise of pictures as it is foretold: stratification, filters, tails, rare events."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from planning_scenes import AREA, over_a_floor, plate
+
+from simrig.core import backend
+from simrig.core.effects import parse_tolerance
+from simrig.planning import plan_scene, planned_render
+from simrig.planning.change import Display
+from simrig.planning.noise import IN_A_PIXEL, SamplingNoise
+from simrig.planning.rare import RareEvents
+from simrig.planning.tail import tail_of
+from simrig.planning.view import View
+
+
+@pytest.fixture(autouse=True)
+def variant() -> None:
+    backend.select("llvm_ad_rgb")
+
+
+def test_many_rare_events_are_drawn_quickly() -> None:
+    """As many as stand for them: a million samples of a hundred each would take minutes."""
+    rng = np.random.default_rng(5)
+    radiance = np.where(rng.random((256, 64, 1)) < 1.0 / 64.0, 5.0, 0.1) * np.ones(3)
+    rare = RareEvents(radiance, np.zeros(256, dtype=np.int64))
+    spread = [rare.errors(spp, np.random.default_rng(1)).std() for spp in (1 << 12, 1 << 20)]
+    assert spread[0] / spread[1] == pytest.approx(16.0, rel=0.2)
+
+
+@pytest.mark.parametrize("filter_type", ["box", "gaussian"])
+def test_noise_is_foretold(filter_type: str) -> None:
+    """Stratified samples, and a filter wider than a pixel, leave less of it."""
+    card = plate(1.0, 0.5, 0.0)
+    lamp = plate(4.0, 0.6, emitter=AREA, flip_normals=True)
+    scene = over_a_floor(card=card, lamp=lamp)
+    scene["sensor"]["film"]["rfilter"] = {"type": filter_type}
+    plan = plan_scene(scene, "dE=1")
+    reference = planned_render(
+        scene, replace(plan, settings={**plan.settings, "spp": 4096}), seed=9
+    ).image
+    display = Display(parse_tolerance("dE=1"), plan.about["exposure"])
+    true = reference.reshape(-1, 3)
+    lit = (true > 0.0).any(axis=1)
+    off = [
+        display.per_pixel(planned_render(scene, plan, seed).image.reshape(-1, 3), true)[lit]
+        for seed in range(3)
+    ]  # fmt: skip
+    assert 0.7 < plan.about["noise"] / np.mean(off) < 2.0
+
+
+def test_a_wide_filter_averages() -> None:
+    """∫f² / (∫f)² of a Gaussian of σ = 0.5 is 1/(2 σ √π) on each axis, but for its cut ends."""
+    film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "gaussian"}}
+    camera = {"type": "perspective", "film": film}
+    view = View(mi.load_dict({"type": "scene", "s": camera}))
+    assert view.averaging == pytest.approx(np.pi, rel=0.03)
+    film["rfilter"] = {"type": "box"}
+    assert View(mi.load_dict({"type": "scene", "s": camera})).averaging == 1.0
+
+
+def test_tails_are_told_from_noise_that_has_an_end() -> None:
+    rng = np.random.default_rng(1)
+    shape = (256, 64, 1)
+    heavy = np.broadcast_to(rng.pareto(1.3, shape), (256, 64, 3))
+    found = tail_of(heavy)
+    assert 0.9 < found.exponent < 2.0
+    display = Display(parse_tolerance("dE=1"), 0.1)
+    assert found.change(16, 65536, display, heavy.mean(axis=1)) > 0.0
+    for tame in (rng.random(shape), rng.random(shape) < 0.3, np.zeros(shape)):
+        values = np.broadcast_to(tame.astype(float), (256, 64, 3))
+        assert tail_of(values).change(16, 65536, display, values.mean(axis=1)) == 0.0
+
+
+def test_stratified_groups_tell_their_gain() -> None:
+    rng = np.random.default_rng(2)
+    places = (np.arange(16) + rng.random((512, 4, 16))) / 16.0  # stratified on a line
+    values = np.repeat((places < 0.37).astype(float).reshape(512, 64, 1), 3, axis=2)
+    display = Display(parse_tolerance("relative=0.1"), 1.0)
+    stratified = SamplingNoise(values, display, groups=4)
+    independent = SamplingNoise(values, display, groups=1)
+    measured = np.abs(values.reshape(512, 4, 16, 3).mean(axis=2) - 0.37).mean() / 0.37
+    assert stratified.change(16) < 0.6 * independent.change(16)
+    assert stratified.change(16) > 0.8 * measured, "edges along strata are not trusted too far"
+
+
+def test_what_few_pixels_have_met_counts_for_those_around_them() -> None:
+    """A firefly in one sample of 300, of which a look of 64 finds some: against a brute force."""
+    rng = np.random.default_rng(3)
+    display = Display(parse_tolerance("dE=1"), 1.0)
+
+    def drawn(pixels: int, samples: int) -> np.ndarray:
+        met = rng.random((pixels, samples, 1)) < 1.0 / 300.0
+        return np.broadcast_to(0.1 + 4.0 * met, (pixels, samples, 3))
+
+    looked = SamplingNoise(drawn(1024, 64), display, parts=np.repeat(np.arange(64), 16))
+    mean = np.full((256, 3), 0.1 + 4.0 / 300.0)
+    for spp in (256, 1024):
+        true = display.per_pixel(mean, drawn(256, spp).mean(axis=1)).mean()
+        assert 0.75 < looked.change(spp) / true < 1.5
+
+
+def test_the_bound_of_one_sample_holds_for_pixels_that_were_not_looked_at() -> None:
+    """Of a picture few of whose pixels vary, the bound is above the truth."""
+    rng = np.random.default_rng(5)
+    display = Display(parse_tolerance("dE=1"), 1.0)
+    edges = rng.random(65536) < 0.01
+    samples = 0.3 + 0.3 * edges[:, None] * (rng.random((65536, 64)) < 0.5)
+    one, all_of_them = (np.repeat(x[:, None], 3, axis=1) for x in (samples[:, 0], samples.mean(1)))
+    truth = display.per_pixel(all_of_them, one)
+    held = 0
+    for _ in range(50):
+        looked = samples[rng.choice(65536, 1024, replace=False)]
+        radiance = np.broadcast_to(looked[..., None], (1024, 64, 3))
+        noise = SamplingNoise(radiance, display, pixels=65536, dimensions=IN_A_PIXEL)
+        held += noise.at_most(1) >= truth.mean()
+    assert held >= 48
