@@ -59,15 +59,16 @@ def linearised(level: Alignment, plane: Plane) -> Descent:
     centred = rows - rows.mean(axis=0)
     energy, kept = principal(centred.astype(np.float64), level.components)
     strength = np.sqrt(np.maximum(energy, 1e-30 * max(whole, 1e-300)))
-    pictures = (kept / strength).T.astype(np.float32) @ centred
-    modes = kept.astype(np.float32)
-    residual = centred - modes @ (modes.T @ centred)
+    # einsum, which leaves BLAS and its threads alone (see ``alignment.principal``)
+    modes, base = kept.astype(np.float32), (kept / strength).astype(np.float32)
+    pictures = np.einsum("vk,vp->kp", base, centred)
+    residual = centred - np.einsum("vk,kp->vp", modes, np.einsum("vk,vp->kp", modes, centred))
     free = jacobian - jacobian.mean(axis=1, keepdims=True)
-    free -= modes @ (modes.T @ free)
-    free -= (free @ pictures.T) @ pictures
+    free -= np.einsum("vk,jkp->jvp", modes, np.einsum("vk,jvp->jkp", modes, free))
+    free -= np.einsum("jvk,kp->jvp", np.einsum("jvp,kp->jvk", free, pictures), pictures)
     scores = np.sum(free * residual, axis=-1, dtype=np.float64)
     flat = free.reshape(3, -1).astype(np.float64)
-    normal = flat @ flat.T
+    normal = np.einsum("ip,jp->ij", flat, flat)
     error = float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / whole)) if whole else 0.0
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(scale, scale)
@@ -82,7 +83,10 @@ def linearised(level: Alignment, plane: Plane) -> Descent:
     own = scores - scores.mean(axis=1, keepdims=True)
     by_views = inverse @ (own @ own.T) @ inverse * count / max(count - 3, 1)
     by_patches, relief = _scatter(level, free[0], residual)
-    return Descent(plane, error, step, by_views + by_patches, relief)
+    # where noise makes up the error, its smoothing between pixels pulls as well
+    covariance = (by_views + by_patches) / max(1.0 - error**2, 1e-6) ** 2
+    covariance[0, 0] += relief**2  # the mean height and that of the structure are two things
+    return Descent(plane, error, step, covariance, relief)
 
 
 def _scatter(

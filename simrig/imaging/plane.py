@@ -38,7 +38,7 @@ _STARTS = 3
 _SAME_MM, _SAME_TILT = 0.02, 5e-4  # of planes that count as one
 _RIVAL = 0.1  # of the gain in error that another minimum may lack to count as a rival
 _NO_GAIN = 0.98  # of the error that a plane must leave less of
-_RELIEF_MM = 0.02  # beyond which it is said
+_RELIEF_MM = 0.01  # beyond which it is said
 _CYCLES = 8
 
 
