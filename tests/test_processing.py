@@ -17,6 +17,7 @@ from simrig.evaluation.stability.recordings import PLANE, SAMPLE_MM, write_recor
 from simrig.evaluation.studies.registration.surfaces import SURFACES
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.images import read_image
+from simrig.files.load import load_material
 from simrig.rigs.imaging.processing import Settings, process_recording
 
 
@@ -124,6 +125,22 @@ def test_no_room_and_no_folder_are_one_line(recording, tmp_path):
     assert "does not exist" in error
     about = json.loads((recording / "recording.json").read_text())
     assert about["sample"]["size_mm"] == SAMPLE_MM
+
+
+@pytest.mark.slow
+def test_what_simrig_records_comes_back(tmp_path):
+    """Recorded by the rig's own code, which shares nothing with the processing but the contract."""
+    pairs = [(5.0, 0.0, 0.0, 0.0), (45.0, 30.0, 90.0, 40.0), (20.0, 70.0, 0.0, 200.0)]
+    lines = "\n".join(",".join(map(str, pair)) for pair in pairs)
+    (tmp_path / "pairs.txt").write_text(lines + "\n")
+    run_json("record", "fabric112", "--plan", "directions", "--pairs", tmp_path / "pairs.txt",
+             "--sample-mm", 4, "--everything", "-o", tmp_path / "recording")  # fmt: skip
+    about = run_json("process", "recording", tmp_path / "recording", "-o", tmp_path / "out.h5",
+                     "--pixels", 24)  # fmt: skip
+    assert about["marks_found"] == 3 and "plane of the marks" in about["plane"]["taken"]
+    stack, truth = read_btf(tmp_path / "out.h5"), load_material("fabric112")
+    centre = stack.images(np.arange(3)).astype(np.float64)[:, 8:16, 8:16].mean(axis=(1, 2))
+    assert np.allclose(centre, truth.eval(*stack.directions), rtol=0.01)
 
 
 def test_stages_work_on_files(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 METHODS = ("malvar", "bilinear", "planes")
 _ROUNDS = 8  # of filling, for clusters of defects
 _OFF = 8.0  # robust standard deviations that make a defect
+_LEAST_SHARE = 0.05  # of the white sheet that one is off at least, however little noise there is
 
 
 def channels_of(pattern: str, shape: tuple[int, int]) -> np.ndarray:
@@ -58,7 +60,9 @@ def demosaic(mosaic: Any, pattern: str, method: str = "malvar") -> np.ndarray:
             [np.mean([four[k] for k in range(4) if of[k] == c], axis=0) for c in range(3)], axis=-1
         )
     try:
-        import colour_demosaicing
+        with warnings.catch_warnings():  # 0.2.7 imports SciPy by an old name
+            warnings.simplefilter("ignore", DeprecationWarning)
+            import colour_demosaicing
     except ImportError as error:
         raise SimrigError(
             "demosaicing needs the package colour-demosaicing: pip install 'simrig[imaging]', or "
@@ -87,12 +91,12 @@ def find_defects(dark: Any, white: Any, pattern: str | None = None) -> np.ndarra
             f"the dark picture is {pictures[0].shape}, the white one {pictures[1].shape}"
         )
     bad = np.zeros(pictures[0].shape, dtype=bool)
-    for picture in pictures:
-        off = picture - _around(
-            picture, np.zeros_like(bad), 1 if pattern is None else 2, median=True
-        )
-        spread = 1.4826 * float(np.median(np.abs(off - np.median(off))))
-        bad |= np.abs(off) > _OFF * max(spread, 1e-12 * float(np.abs(picture).max()) + 1e-300)
+    step = 1 if pattern is None else 2
+    for picture, share in zip(pictures, (1e-6, _LEAST_SHARE), strict=True):
+        off = picture - _around(picture, np.zeros_like(bad), step, median=True)
+        off = off - np.median(off)
+        spread = 1.4826 * float(np.median(np.abs(off)))
+        bad |= np.abs(off) > max(_OFF * spread, share * float(np.median(np.abs(picture))))
     return bad
 
 

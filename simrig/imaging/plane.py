@@ -56,6 +56,7 @@ class PlaneFit:
         doubts: why it may be wrong; empty where nothing speaks against it.
         left_out: views too steep for the pictures' margins.
         relief_mm: standard deviation of the height of the structure about the plane.
+        left_range: it is beyond what was searched.
     """
 
     plane: Plane
@@ -67,6 +68,7 @@ class PlaneFit:
     doubts: tuple[str, ...] = ()
     left_out: int = 0
     relief_mm: float = 0.0
+    left_range: bool = False
 
     @property
     def u_z_mm(self) -> float:
@@ -143,6 +145,7 @@ def fit_plane(
         tuple(doubts),
         left_out,
         best.relief_mm,
+        _beyond(best.plane, height_mm, tilt_deg),
     )
 
 
@@ -196,6 +199,7 @@ def search_plane(
         tuple(_doubts(last, height_mm, tilt_deg)),
         left_out,
         last.relief_mm,
+        _beyond(plane, height_mm, tilt_deg),
     )
 
 
@@ -331,6 +335,10 @@ def _doubts(best: Descent, height_mm: float, tilt_deg: float) -> list[str]:
             f"the structure is {best.relief_mm:.2g} mm rms deep: its mean height may be that far "
             "from the plane that aligns best"
         )
-    if abs(best.plane.z_mm) > height_mm or np.degrees(best.plane.theta) > tilt_deg:
+    if _beyond(best.plane, height_mm, tilt_deg):
         doubts.append(f"beyond what was searched, {height_mm:g} mm and {tilt_deg:g}°")
     return doubts
+
+
+def _beyond(plane: Plane, height_mm: float, tilt_deg: float) -> bool:
+    return bool(abs(plane.z_mm) > height_mm or np.degrees(plane.theta) > tilt_deg)

@@ -32,6 +32,7 @@ from simrig.imaging.registration import Area, register, registered_views
 from simrig.rigs.imaging.recorded import RecordedPictures
 
 PLANE_VIEWS = 80  # thesis section 4.2.2
+_SURE_MM = 0.2  # uncertainty up to which a plane that was found is taken
 _ENDLESS = 1e30  # clipping level of frames that were not rounded to whole numbers
 _LARGEST_OFFSET = 12.0  # pixels of a mark from where the instrument's pose has it
 
@@ -333,8 +334,11 @@ def _surface(chain: Chain, angles: np.ndarray) -> tuple[Plane, dict[str, Any]]:
     if chain.settings.plane == "marks":
         return Plane(), {"taken": "the plane of the marks"}
     fit = chain.plane(angles)
-    if fit is None or not np.isfinite(fit.u_z_mm):
+    if fit is None:
         return Plane(), {"taken": "the plane of the marks: the views do not tell another"}
+    if not fit.u_z_mm < _SURE_MM or fit.left_range:
+        said = "; ".join(fit.doubts)
+        return Plane(), {"taken": f"the plane of the marks: another is not certain ({said})"}
     plane = Plane(*(round(float(number), 7) for number in fit.plane.numbers))
     about = {k: v for k, v in fit.as_dict().items() if k not in ("seconds", "evaluations")}
     about = {k: round(v, 5) if isinstance(v, float) else v for k, v in about.items()}
