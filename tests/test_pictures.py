@@ -218,6 +218,9 @@ def test_instruments_that_take_no_pictures_are_refused() -> None:
         ("camera", "bits", 20, "1 to 16 bits"),
     ):
         refused(message, Optics.of, described(with_key(table, key, value)))
+    folding = Optics.of(described(with_key("lens", "distortion", [-1e6, 0, 0, 0, 0])), 10.0)
+    refused("folds the picture over", folding.looks, True)
+    refused("must be from 0 to 1000", described, with_key("lens", "psf_um", 1e9))
     refused("sees samples up to 139 mm", Optics.of, UTIA, 200.0)
     refused("larger than 0 mm", Optics.of, UTIA, float("nan"))
     refused("the sensor has 4872 x 3248 pixels", Optics.of, UTIA, 10.0, (5000, 10))

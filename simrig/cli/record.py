@@ -114,7 +114,7 @@ def _on_workers(
     """Spread the poses over Dask workers, which write side by side."""
     from simrig.evaluation.studies.engine.distributed import run_on_workers
     from simrig.rigs.imaging.recorder import calibrate
-    from simrig.rigs.imaging.request import record_cell
+    from simrig.rigs.imaging.request import record_cell, share
 
     recording.begin(output)
     calibrate(recording.camera, output)
@@ -125,8 +125,8 @@ def _on_workers(
         for view in todo
         for part in np.array_split(view, max(1, len(view) // 64))
     ]
-    config = request.as_config() | {"folder": str(output.absolute())}
     if cells:
+        config = share(request, output)
         for _, rows, _ in run_on_workers(record_cell, config, cells, scheduler, workers):
             done += sum(row["poses"] for row in rows)
             report(done, len(recording.angles))

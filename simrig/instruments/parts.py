@@ -191,7 +191,7 @@ class Lens(Part):
     largest_sample_mm: Positive | None = None
     distortion: Annotated[list[Quantity], Field(min_length=5, max_length=5)] | None = None
     vignetting: Share = _ZERO
-    psf_um: NotNegative = _ZERO
+    psf_um: Annotated[Quantity, between(0.0, 1000.0)] = _ZERO
 
 
 class Light(Arm):

@@ -148,6 +148,11 @@ class Optics:
         flat = np.ascontiguousarray(straight.reshape(-1, 1, 2))
         undistort: Any = cv2.undistortPointsIter
         found: np.ndarray = undistort(flat, np.eye(3), self.distortion, None, None, exact)
+        bent = _bent(found, self.distortion)
+        if not np.all(np.abs(bent - flat) * matrix[0, 0] < 0.01):  # also of NaN
+            raise SimrigError(
+                "the lens's distortion folds the picture over: lower k1 to k3, p1 and p2"
+            )
         return found.reshape(straight.shape)
 
     def looks(self, distorted: bool) -> np.ndarray:
@@ -269,6 +274,13 @@ class Optics:
                 "marks_mm": self.marks_mm().tolist(),
             },
         }
+
+
+def _bent(straight: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+    """Return where a lens shows what it would show at (n, 1, 2) without distortion, by OpenCV."""
+    ahead = np.concatenate([straight, np.ones((*straight.shape[:2], 1))], axis=-1)
+    shown: Any = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), np.eye(3), distortion)[0]
+    return np.asarray(shown)
 
 
 def _sample_um(d: GonioreflectometerDescription) -> float:
