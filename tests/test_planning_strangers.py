@@ -337,3 +337,13 @@ def test_a_picture_that_is_dark_to_a_look_says_so() -> None:
         assert not (subject.picture > 0.0).any(), "it was seen: no test"
     plan = plan_scene(scene, "dE=1")
     assert plan.about["kept"] is None and "is lit" in plan.about["advice"]
+
+
+def test_a_picture_of_one_pixel_is_judged_by_rounds_of_samples() -> None:
+    """Its one block has no spread: a right picture is left alone, one twice as bright is not."""
+    with planned_subject(TRAPS["one_pixel"].build) as scene:
+        plan = plan_scene(scene, "dE=2")
+        for seed in range(3):
+            picture = planned_render(scene, plan, seed).image
+            assert Estimate(scene.view, plan).check(picture, 0.2).least == 0.0
+        assert Estimate(scene.view, plan).check(2.0 * picture, 0.2).least > 2.0

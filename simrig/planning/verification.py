@@ -33,9 +33,11 @@ from simrig.rendering import render as rendering
 _SHARE = 0.04  # of the time of the picture
 _FEWEST_SECONDS, _LITTLE_SECONDS = 0.04, 0.2  # beside what takes little time itself
 _BLOCKS = 32  # along the longer side of the picture
-_EACH = 16  # samples of a block at a time
+_EACH, _IN_ALL = 16, 2048  # samples of a block at a time, and of all of them at least
+_FEW = 16  # blocks whose spread says little: the spread of rounds counts in its place
 _CERTAIN = 3.0  # standard errors
 _FEWEST = 2  # rounds of samples, one for each half
+_ROUNDS, _SURE = 8, 4.0  # at least beside few blocks, and their standard errors (Student's t)
 # Below this a difference may come from how blocks stand for pixels, in the unit of a tolerance.
 _LEAST = {"dE": 0.2, "psnr": 0.5, "relative": 0.005}
 _RENDERS = 3  # of one picture at most
@@ -152,6 +154,10 @@ class Estimate:
         self.plan = plan
         self.display = Display(plan.tolerance, plan.about["exposure"])
         self._blocks = view.blocks(_BLOCKS)
+        self._each = _EACH
+        while self._each * len(self._blocks) < _IN_ALL:
+            self._each *= 4  # a square, as ``multijitter`` draws it
+        self._fewest = _FEWEST if len(self._blocks) >= _FEW else _ROUNDS
         self._everything: list[np.ndarray] = []
 
     def check(self, picture: np.ndarray, seconds: float) -> Check:
@@ -170,13 +176,13 @@ class Estimate:
             self._everything.append(radiance)
             spent += took
             count = len(self._everything)
-            late = count >= _FEWEST and spent * (count + 2) / count > seconds
-            if late or (count >= _FEWEST and count & (count - 1) == 0):
-                halves = [np.mean(self._everything[one::2], axis=0) for one in (0, 1)]
-                least, most = self._apart(means, np.array(halves))
+            enough = count >= self._fewest
+            late = enough and spent * (count + 2) / count > seconds
+            if late or (enough and count & (count - 1) == 0):
+                least, most = self._apart(means, np.array(self._everything))
             if late or most <= allowed:  # more samples would not contradict the plan
                 break
-        return Check(least, _EACH * len(self._everything), spent)
+        return Check(least, self._each * len(self._everything), spent)
 
     def cause(self) -> str:
         """Return the left-out effect that brings the plan near to everything; empty for none.
@@ -212,12 +218,13 @@ class Estimate:
             seed += 1
             start = time.perf_counter()
             with rendering.timed() as clock:
-                radiance = self.view.radiance_of_blocks(self._blocks, made, _EACH, seed)
+                radiance = self.view.radiance_of_blocks(self._blocks, made, self._each, seed)
             took = time.perf_counter() - start - clock.compile_seconds
-            yield radiance.reshape(len(self._blocks), _EACH, 3).mean(axis=1), took
+            yield radiance.reshape(len(self._blocks), self._each, 3).mean(axis=1), took
 
-    def _apart(self, picture: np.ndarray, halves: np.ndarray) -> tuple[float, float]:
-        """Return by how much (m, 3) means differ from (2, m, 3) halves: surely, and at most."""
+    def _apart(self, picture: np.ndarray, rounds: np.ndarray) -> tuple[float, float]:
+        """Return by how much (m, 3) means differ from (k, m, 3) rounds: surely, and at most."""
+        halves = np.array([rounds[one::2].mean(axis=0) for one in (0, 1)])
         lit = (picture > 0.0).any(axis=1) | (halves > 0.0).any(axis=(0, 2))
         if not lit.any() or not np.isfinite(halves).all():
             return 0.0, math.inf
@@ -225,14 +232,18 @@ class Estimate:
         both = self.display.coordinates(whole)
         # colours are concave in radiance: one bright sample in a half moves them less upwards than
         # its absence moves them downwards, and it may be absent from the picture
-        sides = [self.display.coordinates(half[lit]) - both for half in halves]
+        sure, around = 1.0, halves[:, lit]
+        if len(whole) < _FEW:
+            sure, off = _SURE, rounds[:, lit].std(axis=0, ddof=1) / math.sqrt(len(rounds))
+            around = np.maximum(whole + _SURE * np.array([-off, off]), 0.0)
+        sides = [self.display.coordinates(side) - both for side in around]
         noise = np.max([(side**2).sum(axis=1) for side in sides], axis=0)
         squares = ((self.display.coordinates(picture[lit]) - both) ** 2).sum(axis=1)
         pixels = float(np.mean([w * h for _, _, w, h in self._blocks]))
         own = float(self.plan.about.get("noise") or 0.0) / math.sqrt(max(pixels, 1.0))
         surplus = squares - noise
         mean, error = float(surplus.mean()), _CERTAIN * float(surplus.std() / math.sqrt(len(noise)))
-        least = math.sqrt(max(mean - error - own**2, 0.0))
+        least = math.sqrt(max(mean - error - (sure * own) ** 2, 0.0))
         most = math.sqrt(max(float(squares.mean()) + error, 0.0))
         if self.plan.tolerance.metric == "psnr":
             return least, most
