@@ -60,14 +60,14 @@ def travel_order(wi: np.ndarray, wv: np.ndarray) -> np.ndarray:
 
     The time between two poses is that of the axis that turns farthest.
     """
-    axes = np.stack([part for v in (wi, wv) for part in to_angles(v)], axis=1)
-    left = np.ones(len(axes), dtype=bool)
-    order = [int(np.argmin(axes[:, 0]))]
-    for _ in range(len(axes) - 1):
-        left[order[-1]] = False
-        way = np.abs(axes - axes[order[-1]])
-        way[:, 1::2] = np.minimum(way[:, 1::2], 2.0 * np.pi - way[:, 1::2])
-        order.append(int(np.argmin(np.where(left, way.max(axis=1), np.inf))))
+    axes = np.stack([part for v in (wi, wv) for part in to_angles(v)])
+    visited = np.zeros(axes.shape[1])  # infinite where the rig was
+    order = [int(np.argmin(axes[0]))]
+    for _ in range(len(visited) - 1):
+        visited[order[-1]] = np.inf
+        way = np.abs(axes - axes[:, order[-1], None])
+        way[1::2] = np.minimum(way[1::2], 2.0 * np.pi - way[1::2])
+        order.append(int(np.argmin(way.max(axis=0) + visited)))
     return np.array(order)
 
 
