@@ -23,7 +23,7 @@ class Shares:
 
     Attributes:
         even: in all angles.
-        cores: near highlights.
+        cores: near highlights; more than this was never better, and up to seven times worse.
         back: where light goes back to where it is from.
     """
 
@@ -42,7 +42,7 @@ class Family:
         why: what in a description calls for it, in words; empty where nothing does.
         shape: the symmetry that it makes of the one that was found; None of an addition.
         even: share of candidates that are even in all angles (of a shape).
-        cores, back: share of candidates that it adds (of an addition).
+        back: share of candidates where light goes back that it asks for (of an addition).
     """
 
     name: str
@@ -50,7 +50,6 @@ class Family:
     why: Callable[[Description], str]
     shape: Callable[[Symmetry], Symmetry] | None = None
     even: float = 0.1
-    cores: float = 0.0
     back: float = 0.0
 
 
@@ -74,11 +73,8 @@ class Choice:
     def shares(self) -> Shares:
         """Of the candidates."""
         usual = Shares(shape_of(self.symmetry).even)
-        return Shares(
-            usual.even,
-            max([usual.cores, *(family.cores for family in self.families)]),
-            max([usual.back, *(family.back for family in self.families)]),
-        )
+        back = max([usual.back, *(family.back for family in self.families)])
+        return replace(usual, back=back)
 
 
 def choose(seen: Description, forced: str | None = None) -> Choice:
@@ -151,11 +147,6 @@ def _why_back(seen: Description) -> str:
     )
 
 
-def _why_cores(seen: Description) -> str:
-    """Return nothing: batches go to narrow highlights anyway, and more was never better."""
-    return ""
-
-
 _ALL = (
     Family(
         "bivariate", "theta_h and theta_d alone: phi_d does not matter", _why_bivariate, _bivariate
@@ -168,7 +159,6 @@ _ALL = (
         _anisotropic,
         even=0.5,
     ),
-    Family("dense-cores", "more samples in narrow highlights", _why_cores, cores=0.15),
     Family("retro-reflective", "more where light goes back to its source", _why_back, back=0.15),
 )
 FAMILIES: dict[str, Family] = {family.name: family for family in _ALL}
