@@ -18,7 +18,7 @@ from simrig.core.colour import lab_roots
 _PIXELS, _LIGHTS = 192, 12
 _CALIBRATION = 1.15  # measured over predicted ΔE, see docs/automatic_plan.md
 # few samples know little of what they did not see: what many materials had counts as so many more
-_USUAL, _USUAL_AT, _USUAL_POWER, _USUAL_SAMPLES = 6.0, 30.0, 0.8, 20.0
+_USUAL, _USUAL_AT, _USUAL_POWER, _USUAL_SAMPLES = 12.0, 30.0, 1.38, 20.0
 _BRIGHT, _SHOWN = 97.0, 0.8  # percentile of the picture that is shown at this value
 _AMPLITUDE_NEIGHBOURS = 8
 
