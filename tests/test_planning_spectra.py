@@ -33,6 +33,17 @@ def test_spectra_are_transported_and_the_variant_comes_back() -> None:
     assert planned_render(scene, plan).variant == "llvm_ad_spectral"
 
 
+def test_integrators_in_python_hold_no_spectra() -> None:
+    scene = simple(s={"type": "sphere"}, e=POINT, integrator={"type": "prb"})
+    assert plan_scene(scene, "dE=2").decision("spectral").bound.absent
+
+
+def test_a_lamp_at_the_centre_of_a_body_is_planned() -> None:
+    lamp = {"type": "point", "position": [0.0, 0.0, 0.0]}
+    bodies = {"s": {"type": "sphere"}, "t": {"type": "sphere", "center": [0.0, 0.0, 3.0]}}
+    assert plan_scene(simple(**bodies, e=lamp), "dE=2").on("shadowing")
+
+
 def test_without_a_bound_nobody_knows_whether_a_tolerance_is_kept() -> None:
     gold = {"type": "roughconductor", "material": "Au", "alpha": 0.3}
     scene = simple(s={"type": "sphere", "bsdf": gold}, e=POINT)

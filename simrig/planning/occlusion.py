@@ -51,6 +51,8 @@ def _in_the_way(centres: np.ndarray, radii: np.ndarray, index: int, light: Any) 
     others = np.arange(len(centres)) != index
     reach = np.linalg.norm(centres - centre, axis=1) + radii
     direction, distance = _towards(light, centre)
+    if distance == 0.0:
+        return True  # within the body: nothing says what stands between
     length = min(distance, float(reach[others].max()))  # nothing stands farther out
     along = np.linspace(0.0, length, _STEPS)
     taper = 1.0 - along / distance  # the hull narrows to the light; not when that is far away

@@ -112,4 +112,5 @@ def _is_known(plugin: str) -> bool:
         return True
     if (Path(mi.__file__).parent / "plugins" / f"{plugin}.so").is_file():
         return True
-    return hasattr(mi, plugin)  # the base class of an object of Mitsuba's own
+    # the base class of an object of Mitsuba's own, or one of its integrators in Python
+    return hasattr(mi, plugin) or hasattr(mi.ad.integrators, plugin)
