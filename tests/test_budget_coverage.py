@@ -8,7 +8,12 @@ import pytest
 from simrig.brdf import Lambert
 from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.budget_coverage import PRESETS, run_cell, summarise, table
-from simrig.evaluation.uncertainty.budget import Instruments, Spread, directions
+from simrig.evaluation.uncertainty.budget import (
+    Instruments,
+    Spread,
+    directions,
+    table_of_albedos,
+)
 from simrig.evaluation.uncertainty.sources import SOURCES
 from simrig.evaluation.uncertainty.virtual import VirtualInstrument
 from simrig.files.load import load_material
@@ -101,3 +106,25 @@ def test_the_study_counts_what_its_cells_found() -> None:
     table(summary)
     again = run_cell(config, cells[0])
     assert again == [{k: v for k, v in row.items() if k not in cells[0]} for row in rows[:7]]
+
+
+@pytest.mark.slow
+def test_intervals_of_the_albedo_hold() -> None:
+    material, description = load_material("brushed_aluminium"), shipped("utia")
+    stated = table_of_albedos(
+        Instruments(material, description, 2000, 1),  # type: ignore[arg-type]
+        [60.0],
+        list(SOURCES),
+    )
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    theta, phi = np.arcsin(np.sqrt((nodes + 1.0) / 2.0)), (np.arange(16) + 0.5) * np.pi / 8.0
+    grid = np.stack(np.meshgrid(theta, phi, indexing="ij"), axis=-1).reshape(-1, 2)
+    seen = np.radians(60.0) + 0.0 * grid[:, 0]
+    angles = np.stack([grid[:, 0], seen, grid[:, 1], 0.0 * seen], axis=1)
+    weight = np.repeat(0.5 * np.pi * weights / 16.0, 16)
+    drawn = (VirtualInstrument.drawn(UTIA, 14, 2500, n) for n in range(200))
+    albedo = np.stack([weight @ each.measure(material, angles) for each in drawn])
+    truth, spread = stated.truth[0], stated.total
+    np.testing.assert_allclose(weight @ at(material, angles), truth, rtol=1e-12)
+    holds = (albedo - spread.high[0] <= truth) & (truth <= albedo - spread.low[0])
+    assert holds.mean() == pytest.approx(0.95, abs=0.045)  # 200 instruments: 1.5 %, times three
