@@ -125,6 +125,24 @@ def test_no_room_and_no_folder_are_one_line(recording, tmp_path):
     assert "does not exist" in error
     about = json.loads((recording / "recording.json").read_text())
     assert about["sample"]["size_mm"] == SAMPLE_MM
+    for size, said in ((41, "asked for are 41 mm"), (-1, "above 0"), ("nan", "finite")):
+        error = bad_input("process", "recording", recording, "-o", tmp_path / "out.h5",
+                          "--size-mm", size)  # fmt: skip
+        assert said in error
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_full_disk_loses_nothing(recording, tmp_path):
+    """Files of more than 4 kB are refused by the system, as on a disk that is full."""
+    output = tmp_path / "out.h5"
+    own = ["process", "recording", str(recording), "-o", str(output), "--pixels", "64", "--quiet"]
+    own = [sys.executable, "-m", "simrig.cli", *own, "--plane", "marks"]
+    limited = ["bash", "-c", 'ulimit -f 4; exec "$@"', "bash", *own]
+    full = subprocess.run(limited, capture_output=True, text=True)
+    assert full.returncode == 2 and full.stderr.count("\n") == 1, full.stderr
+    assert "no room is left" in full.stderr and not output.exists()
+    subprocess.run(own, check=True, capture_output=True)
+    assert len(read_btf(output)) == 9
 
 
 @pytest.mark.slow

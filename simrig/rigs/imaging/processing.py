@@ -199,7 +199,10 @@ class Chain:
     @cached_property
     def area(self) -> Area:
         """The square that images show."""
-        size = self.settings.size_mm or float(self.recording.sample["size_mm"])
+        whole = float(self.recording.sample["size_mm"])
+        size = whole if self.settings.size_mm is None else self.settings.size_mm
+        if size > whole * (1.0 + 1e-9):
+            raise SimrigError(f"the sample is {whole:g} mm large, asked for are {size:g} mm")
         return Area((size, size), (self.settings.pixels, self.settings.pixels))
 
     def image(self, number: int, plane: Plane) -> tuple[np.ndarray, bool]:
@@ -207,7 +210,12 @@ class Chain:
         taken = self.recording.pose(number)
         colours = self.colours(taken)
         camera, marked = self.camera(taken, colours.mean(axis=-1))
-        shown, _ = register(colours, camera, self.area, plane)
+        shown, seen = register(colours, camera, self.area, plane)
+        if not seen.all():
+            raise SimrigError(
+                f"'{self.recording.poses[number]}' shows {100.0 * seen.mean():.0f} % of the "
+                f"{self.area.size_mm[0]:g} mm that are asked for: choose a smaller size"
+            )
         x, y = self.area.points()
         light = self.irradiance(x, y, plane, taken["light_mm"])
         lit = np.where(light > 1e-6, light, np.inf)[..., None]
