@@ -31,6 +31,7 @@ tolerance = "dE=5"
 exact = false
 step_deg = 30.0
 """
+_PAIRS = "\n".join(f"{i} {v} 0 {40 + i}" for v in (10, 40, 70) for i in range(5, 65, 2))
 _TIMES = ("cost", "provenance")  # attributes that tell how long it took
 _TIME = re.compile("seconds|_s$|^created$")
 
@@ -83,6 +84,16 @@ JOBS = (
         lambda folder: (folder / "experiment.toml").write_text(_EXPERIMENT),
     ),
     Job(
+        "record",
+        (
+            ("record", "fabric112", "--plan", "directions", "--pairs", "pairs.txt", "--output",
+             "out", "--sample-mm", "4", "--pixels", "90x80", "--enable", "photon-noise",
+             "--enable", "positioning"),
+        ),
+        "out",
+        lambda folder: (folder / "pairs.txt").write_text(_PAIRS),
+    ),
+    Job(
         "process recording",
         (("process", "recording", "recording", "--output", "out.h5", "--pixels", "32"),),
         "out.h5",
@@ -118,6 +129,12 @@ def _hdf5(path: Path) -> bytes:
     return found.digest()
 
 
+def _arrays(path: Path) -> bytes:
+    with np.load(path) as file:
+        names = [name for name in sorted(file.files) if not name.endswith(".json")]
+        return b"".join(np.ascontiguousarray(file[name]).tobytes() for name in names)
+
+
 def _picture(path: Path) -> bytes:
     return np.ascontiguousarray(read_image(path)).tobytes()
 
@@ -142,6 +159,7 @@ def _table(path: Path) -> bytes:
 
 _READERS: dict[str, Callable[[Path], bytes]] = {
     ".h5": _hdf5,
+    ".npz": _arrays,
     ".exr": _picture,
     ".png": Path.read_bytes,
     ".json": _json,
