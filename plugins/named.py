@@ -15,9 +15,18 @@ import numpy as np
 
 from simrig.brdf.analytic import Kurt, KurtLobe, Ward
 from simrig.brdf.kurt_materials import kurt_material
+from simrig.brdf.multiaxial import Mode, Multiaxial
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
 
+_MODE_NUMBERS = {
+    "axis": 0.0,
+    "width": 40.0,
+    "length": 35.0,
+    "strength": 0.1,
+    "alpha": 0.0,
+    "grazing": 0.0,
+}
 _LOBE_NUMBERS = ("f_0", "m_x", "m_y", "alpha")
 
 
@@ -80,6 +89,42 @@ def simrig_ward(props: Any) -> Brdf:
     )
 
 
+def simrig_multiaxial(props: Any) -> Brdf:
+    """Modes of anisotropy, each with its own axis, width, length, strength and colour.
+
+    The first mode has no number, others `_2`, `_3`, … up to 16, each of which needs its `strength`.
+
+    | parameter | type | default | differentiable | meaning |
+    | --- | --- | --- | --- | --- |
+    | k_d | rgb or float | 0.1 | `k_d` | diffuse coefficient |
+    | axis | float | 0 | `mode_1_axis` | degrees, azimuth along which the highlight extends |
+    | width | float | 40 | `mode_1_m_across` | degrees of azimuth at half height, θ_h = 25° |
+    | length | float | 35 | `mode_1_m_along` | degrees θ_h at which it has fallen to half |
+    | strength | float | 0.1 | `mode_1_colour` | its f_r at the normal, 1/sr |
+    | colour | rgb or float | 1 | `mode_1_colour` | multiplies the strength |
+    | alpha | float | 0 | `mode_1_alpha` | exponent of 1 / (cos θ_i cos θ_v), in [0, 1] |
+    | grazing | float | 0 | `mode_1_grazing` | growth towards grazing angles, in [0, 100] |
+    | rotation | float | 0 | `rotation` | degrees about the normal |
+
+    ```python
+    {"type": "simrig_multiaxial", "axis": 20.0, "width": 15.0, "axis_2": 110.0, "strength_2": 0.05}
+    ```
+    """
+    modes = [_mode(props, "")]
+    while f"strength_{len(modes) + 1}" in props:
+        modes.append(_mode(props, f"_{len(modes) + 1}"))
+    stray = [
+        f"{name}_{number}"
+        for number in range(len(modes) + 1, 18)
+        for name in _MODE_NUMBERS
+        if f"{name}_{number}" in props
+    ]
+    if stray:
+        number = stray[0].rpartition("_")[2]
+        raise SimrigError(f"'{stray[0]}' belongs to a mode that needs 'strength_{number}'")
+    return Multiaxial(_colour(props, "k_d", 0.1), tuple(modes), name="simrig_multiaxial")
+
+
 def simrig_slices(props: Any) -> Brdf:
     """A BRDF reconstructed from one-dimensional slices, as stored by simrig (HDF5).
 
@@ -138,6 +183,7 @@ PLUGINS: dict[str, Callable[[Any], Brdf]] = {
     "simrig_table": simrig_table,
     "simrig_kurt": simrig_kurt,
     "simrig_ward": simrig_ward,
+    "simrig_multiaxial": simrig_multiaxial,
 }
 
 
@@ -175,6 +221,14 @@ def _kurt_lobe(props: Any, suffix: str) -> KurtLobe:
     defaults = {"f_0": 1.0, "m_x": 0.2, "m_y": 0.2, "alpha": 0.0}
     numbers = {name: number(props, name + suffix, defaults[name]) for name in _LOBE_NUMBERS}
     return KurtLobe(k_s=_colour(props, "k_s" + suffix, 0.2), **numbers)
+
+
+def _mode(props: Any, suffix: str) -> Mode:
+    axis, width, length, strength, alpha, grazing = (
+        number(props, name + suffix, default) for name, default in _MODE_NUMBERS.items()
+    )
+    colour = _colour(props, "colour" + suffix, 1.0)
+    return Mode.of(axis, width, length, strength, colour, alpha=alpha, grazing=grazing)
 
 
 def number(props: Any, name: str, default: float) -> float:

@@ -21,6 +21,7 @@ from simrig.rigs.reflector.folded import Folded, fold, picture
 from simrig.rigs.reflector.lighting import lighting_of
 from simrig.rigs.reflector.mirror import CONJUGATE, Reflector, follow
 from simrig.rigs.reflector.photograph import analyse_photograph
+from simrig.rigs.reflector.traced import trace
 
 PERFECT = Reflector(reflectance=(1.0, 1.0, 1.0))
 
@@ -250,3 +251,16 @@ def test_commands(tmp_path: Path) -> None:
         ).exit_code
         == 2
     )
+
+
+def test_traced_picture_agrees_within_its_noise() -> None:
+    mirror, material = Reflector(), kurt_material("purple_satin")
+    traced = trace(mirror, material, 30.0, 8, batches=6)
+    fine = picture(fold(mirror, 128, flash_points=1), material, 30.0)
+    coarse = fine.reshape(8, 16, 8, 16, 3).mean(axis=(1, 3))
+    assert coarse.mean() == pytest.approx(traced.picture.mean(), rel=0.01)
+    outer = traced.picture[..., 0] < 3.0 * np.median(traced.picture[..., 0])  # not the caustic
+    away = np.abs(coarse - traced.picture)[outer]
+    assert away.mean() < 2.0 * traced.uncertainty[outer].mean() + 0.005 * traced.picture.mean()
+    with pytest.raises(SimrigError, match="even, upright"):
+        trace(replace(mirror, dust=0.1), material)

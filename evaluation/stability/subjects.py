@@ -19,6 +19,7 @@ from simrig.brdf import (
     evaluate,
     kurt_material,
 )
+from simrig.brdf.multiaxial import Mode, Multiaxial
 from simrig.brdf.slices.slices import SliceBrdf
 from simrig.core.arrays import vector_type
 from simrig.directions import (
@@ -209,6 +210,10 @@ def _analytic() -> Iterable[Brdf]:
     for m in (min(ROUGHNESS), max(ROUGHNESS)):
         lobe = KurtLobe(k_s=(1.0, 1.0, 1.0), f_0=0.0, m_x=m, m_y=m, alpha=1.0)
         yield Kurt(k_d=(0.0, 0.0, 0.0), lobes=(lobe,), name=f"kurt_{m:g}")
+    for low, high in ((0.005, 0.005), (0.005, 30.0), (30.0, 30.0)):
+        sharp = Mode((1.0, 1.0, 1.0), 0.4, high, low, alpha=1.0, grazing=100.0)
+        wide = Mode((0.1, 0.0, 0.2), 2.0, 0.5, 0.2)
+        yield Multiaxial((0.1, 0.1, 0.1), (sharp, wide), name=f"multiaxial_{low:g}_{high:g}")
     black = (0.0, 0.0, 0.0)
     for variant in Ward.VARIANTS:
         for m in ROUGHNESS:

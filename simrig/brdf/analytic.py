@@ -15,7 +15,7 @@ from simrig.core.errors import SimrigError, check_known
 _TINY = 1e-12  # keeps denominators away from zero; far below any cosine that carries light
 
 
-def _colour(name: str, value: Sequence[float], largest: float = np.inf) -> np.ndarray:
+def checked_colour(name: str, value: Sequence[float], largest: float = np.inf) -> np.ndarray:
     array = read_only(value, np.float64)
     if array.shape != (3,) or not np.all(np.isfinite(array)) or array.min() < 0.0:
         raise SimrigError(f"{name} must be three finite values >= 0 (linear RGB), got {value!r}")
@@ -24,7 +24,7 @@ def _colour(name: str, value: Sequence[float], largest: float = np.inf) -> np.nd
     return array
 
 
-def _number(name: str, value: float, low: float, high: float) -> float:
+def checked_number(name: str, value: float, low: float, high: float) -> float:
     if not (np.isfinite(value) and low <= value <= high):
         raise SimrigError(f"{name} must lie in [{low:g}, {high:g}], got {value!r}")
     return float(value)
@@ -40,7 +40,7 @@ class Lambert(Brdf):
     kind = "lambert"
 
     def __init__(self, albedo: Sequence[float] = (0.5, 0.5, 0.5), name: str = "lambert"):
-        self.albedo = _colour("albedo", albedo, 1.0)
+        self.albedo = checked_colour("albedo", albedo, 1.0)
         self.name = name
 
     def data(self) -> Mapping[str, np.ndarray]:
@@ -50,7 +50,7 @@ class Lambert(Brdf):
         return scale(tables["albedo"], 0.0 * components(wi)[2] + 1.0 / np.pi)
 
 
-def _half_vector_terms(wi: Array, wv: Array) -> tuple[Array, Array, Array, Array, Array]:
+def half_vector_terms(wi: Array, wv: Array) -> tuple[Array, Array, Array, Array, Array]:
     """Return the unnormalised half vector (x, y, z), its squared length, and v·h.
 
     The slopes of the half vector are x/z and y/z without any normalisation, so nothing is lost
@@ -64,13 +64,13 @@ def _half_vector_terms(wi: Array, wv: Array) -> tuple[Array, Array, Array, Array
     return x, y, z, squared, 0.5 * xp.sqrt(squared)
 
 
-def _one_minus_v_dot_h(wi: Array, wv: Array, v_dot_h: Array) -> Array:
+def one_minus_v_dot_h(wi: Array, wv: Array, v_dot_h: Array) -> Array:
     """Return 1 - v·h from the difference of the directions, precise where they agree."""
     x, y, z = (i - v for i, v in zip(components(wi), components(wv), strict=True))
     return 0.25 * (x * x + y * y + z * z) / (1.0 + v_dot_h)
 
 
-def _exp_or_zero(exponent: Array) -> Array:
+def exp_or_zero(exponent: Array) -> Array:
     """Return the exponential, and exactly 0 where float32 would lose digits to denormals."""
     xp = namespace(exponent)
     return xp.select(exponent < -80.0, 0.0, xp.exp(xp.maximum(exponent, -80.0)))
@@ -114,9 +114,9 @@ class Ward(Brdf):
         name: str = "ward",
     ):
         check_known("Ward variant", variant, self.VARIANTS)
-        self.k_d, self.k_s = _colour("k_d", k_d), _colour("k_s", k_s)
-        self.m_x = _number("m_x", m_x, 0.005, 3.0)
-        self.m_y = _number("m_y", m_y, 0.005, 3.0)
+        self.k_d, self.k_s = checked_colour("k_d", k_d), checked_colour("k_s", k_s)
+        self.m_x = checked_number("m_x", m_x, 0.005, 3.0)
+        self.m_y = checked_number("m_y", m_y, 0.005, 3.0)
         self.variant, self.name = variant, name
 
     def data(self) -> Mapping[str, np.ndarray]:
@@ -134,12 +134,12 @@ class Ward(Brdf):
         return _WardParameters(**data)
 
     def look_up(self, wi: Array, wv: Array, tables: _WardParameters) -> Array:
-        x, y, z, squared, _ = _half_vector_terms(wi, wv)
+        x, y, z, squared, _ = half_vector_terms(wi, wv)
         xp = namespace(x)
         m_x, m_y = tables.m_x, tables.m_y
         slope_x, slope_y = x / (z * m_x), y / (z * m_y)
         exponent = -(slope_x * slope_x + slope_y * slope_y)
-        lobe = _exp_or_zero(exponent) / (4.0 * np.pi * m_x * m_y)
+        lobe = exp_or_zero(exponent) / (4.0 * np.pi * m_x * m_y)
         cosines = xp.maximum(components(wi)[2] * components(wv)[2], _TINY)
         if self.variant == "ward":
             lobe = lobe / xp.sqrt(cosines)
@@ -169,11 +169,11 @@ class KurtLobe:
     alpha: float
 
     def __post_init__(self) -> None:
-        _colour("k_s", self.k_s)
-        _number("f_0", self.f_0, 0.0, 1.0)
-        _number("m_x", self.m_x, 0.005, 3.0)
-        _number("m_y", self.m_y, 0.005, 3.0)
-        _number("alpha", self.alpha, 0.0, 1.0)
+        checked_colour("k_s", self.k_s)
+        checked_number("f_0", self.f_0, 0.0, 1.0)
+        checked_number("m_x", self.m_x, 0.005, 3.0)
+        checked_number("m_y", self.m_y, 0.005, 3.0)
+        checked_number("alpha", self.alpha, 0.0, 1.0)
 
 
 _LOBE_FIELDS = tuple(field.name for field in fields(KurtLobe))
@@ -214,7 +214,7 @@ class Kurt(Brdf):
     name: str = "kurt"
 
     def __post_init__(self) -> None:
-        _colour("k_d", self.k_d)
+        checked_colour("k_d", self.k_d)
         if not self.lobes:
             raise SimrigError("the Kurt model needs at least one lobe")
 
@@ -250,14 +250,14 @@ class Kurt(Brdf):
         return _KurtParameters(data["k_d"], lobes)
 
     def look_up(self, wi: Array, wv: Array, tables: _KurtParameters) -> Array:
-        x, y, z, squared, v_dot_h = _half_vector_terms(wi, wv)
+        x, y, z, squared, v_dot_h = half_vector_terms(wi, wv)
         xp = namespace(x)
         cosines = xp.maximum(components(wi)[2] * components(wv)[2], _TINY)
         log_cosines = xp.log(cosines)
         tangent_x, tangent_y = x / z, y / z
         cos_squared = xp.maximum(z * z / squared, 1e-8)
         v_dot_h = xp.maximum(v_dot_h, 1e-6)
-        one_minus = _one_minus_v_dot_h(wi, wv, v_dot_h)
+        one_minus = one_minus_v_dot_h(wi, wv, v_dot_h)
         schlick = one_minus * one_minus * one_minus * one_minus * one_minus
         value = scale(tables.k_d, 0.0 * z + 1.0 / np.pi)
         for lobe in tables.lobes:
@@ -267,7 +267,7 @@ class Kurt(Brdf):
             exponent = -(slope_x * slope_x + slope_y * slope_y) - lobe.alpha * log_cosines
             lobe_value = (
                 fresnel
-                * _exp_or_zero(exponent)
+                * exp_or_zero(exponent)
                 / (np.pi * lobe.m_x * lobe.m_y * cos_squared * cos_squared * 4.0 * v_dot_h)
             )
             value = value + scale(lobe.k_s, lobe_value)

@@ -60,6 +60,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "isotropic": ("simrig.brdf.tables.isotropic", "IsotropicTable"),
     "kurt": ("simrig.brdf.analytic", "Kurt"),
     "minnaert": ("simrig.brdf.minnaert", "Minnaert"),
+    "multiaxial": ("simrig.brdf.multiaxial", "Multiaxial"),
     "lambert": ("simrig.brdf.analytic", "Lambert"),
     "rbf": ("simrig.brdf.tables.rbf", "RbfBrdf"),
     "rgl": ("simrig.brdf.tables.rgl", "RglBrdf"),

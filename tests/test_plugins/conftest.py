@@ -15,6 +15,7 @@ from scipy import stats
 
 from simrig.brdf.analytic import Kurt, KurtLobe, Lambert, Ward
 from simrig.brdf.kurt_materials import kurt_material
+from simrig.brdf.multiaxial import Mode, Multiaxial
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.slices.slices import SliceBrdf
 from simrig.brdf.tables.barycentric import BarycentricBrdf
@@ -80,6 +81,9 @@ BRDFS: dict[str, Callable[[], Brdf]] = {
     "barycentric": barycentric,
     "slices": slices,
     "ward": lambda: Ward(m_x=0.1, m_y=0.4),
+    "multiaxial": lambda: Multiaxial(
+        (0.1, 0.2, 0.1), tuple(Mode.of(60.0 * k, 25.0, 20.0 + 5.0 * k, 0.1) for k in range(3))
+    ),
     "brushed_aluminium": lambda: kurt_material("brushed_aluminium"),
     "fabric112": lambda: kurt_material("fabric112"),
     "narrow": lambda: narrow(0.005, 0.005),
