@@ -16,6 +16,11 @@ _TINY = 1e-12  # keeps denominators away from zero; far below any cosine that ca
 
 
 def checked_colour(name: str, value: Sequence[float], largest: float = np.inf) -> np.ndarray:
+    """Return three finite values from 0 to ``largest``, read-only.
+
+    Raises:
+        SimrigError: anything else.
+    """
     array = read_only(value, np.float64)
     if array.shape != (3,) or not np.all(np.isfinite(array)) or array.min() < 0.0:
         raise SimrigError(f"{name} must be three finite values >= 0 (linear RGB), got {value!r}")
@@ -25,6 +30,11 @@ def checked_colour(name: str, value: Sequence[float], largest: float = np.inf) -
 
 
 def checked_number(name: str, value: float, low: float, high: float) -> float:
+    """Return a number from ``low`` to ``high``.
+
+    Raises:
+        SimrigError: anything else.
+    """
     if not (np.isfinite(value) and low <= value <= high):
         raise SimrigError(f"{name} must lie in [{low:g}, {high:g}], got {value!r}")
     return float(value)
