@@ -101,7 +101,7 @@ def simrig_multiaxial(props: Any) -> Brdf:
     | width | float | 40 | `mode_1_m_across` | degrees of azimuth at half height, θ_h = 25° |
     | length | float | 35 | `mode_1_m_along` | degrees θ_h at which it has fallen to half |
     | strength | float | 0.1 | `mode_1_colour` | its f_r at the normal, 1/sr |
-    | colour | rgb or float | 1 | `mode_1_colour` | multiplies the strength |
+    | tint | rgb or float | 1 | `mode_1_colour` | multiplies the strength |
     | alpha | float | 0 | `mode_1_alpha` | exponent of 1 / (cos θ_i cos θ_v), in [0, 1] |
     | grazing | float | 0 | `mode_1_grazing` | growth towards grazing angles, in [0, 100] |
     | rotation | float | 0 | `rotation` | degrees about the normal |
@@ -227,8 +227,8 @@ def _mode(props: Any, suffix: str) -> Mode:
     axis, width, length, strength, alpha, grazing = (
         number(props, name + suffix, default) for name, default in _MODE_NUMBERS.items()
     )
-    colour = _colour(props, "colour" + suffix, 1.0)
-    return Mode.of(axis, width, length, strength, colour, alpha=alpha, grazing=grazing)
+    tint = _colour(props, "tint" + suffix, 1.0)
+    return Mode.of(axis, width, length, strength, tint, alpha=alpha, grazing=grazing)
 
 
 def number(props: Any, name: str, default: float) -> float:
