@@ -89,11 +89,10 @@ def photographed(material: Brdf, rotation_deg: float, camera: str, seed: int) ->
     image = picture(folded, material, rotation_deg)
     if camera == "ideal":
         return analyse_photograph(image, folded.mirror, None, _opening(folded), 0.0)
-    paper = picture(folded, Lambert((_BLACK,) * 3))
-    shot, black = (_exposed(im, folded, 2 * seed + k) for k, im in enumerate((image, paper)))
+    shot = _exposed(image, folded, seed)
     if camera == "camera":
         return analyse_photograph(shot, folded.mirror, None, _opening(folded), 0.0)
-    return analyse_photograph(shot, Reflector(), black)
+    return analyse_photograph(shot, Reflector(), _paper(camera))
 
 
 @lru_cache(maxsize=3)
@@ -101,6 +100,12 @@ def _folded(camera: str) -> Folded:
     if camera == "imperfect":
         return fold(Reflector(**IMPERFECT), PIXELS, flash_points=7)
     return fold(Reflector(), PIXELS, flash_points=1)
+
+
+@lru_cache(maxsize=3)
+def _paper(camera: str) -> np.ndarray:
+    """Return the photograph of black paper, taken once."""
+    return _exposed(picture(_folded(camera), Lambert((_BLACK,) * 3)), _folded(camera), 999_983)
 
 
 def _opening(folded: Folded) -> tuple[float, float, float]:

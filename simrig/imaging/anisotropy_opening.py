@@ -17,8 +17,9 @@ from scipy.special import ndtri
 
 from simrig.core.errors import SimrigError
 
-_DARK = 0.25  # of the opening's median: what lies around it
+_DARK = 0.12  # of the opening's median: what lies around it
 _BLUR = 1.0  # pixels
+_INNER = 0.4  # of the width
 _ROUND = 0.9  # least area over that of the circle through the farthest point
 
 
@@ -111,14 +112,26 @@ def cut_out(
     return cut
 
 
-def brightest_spot(picture: np.ndarray) -> tuple[float, float]:
-    """Return where light gathers in a square picture: x to the right, y upwards, over its width."""
-    grey = np.nan_to_num(picture.mean(axis=-1))
+def brightest_spot(picture: np.ndarray, share: float) -> tuple[float, float]:
+    """Return where light gathers in a square picture of an opening.
+
+    Args:
+        picture: (pixels, pixels, 3); NaN inside the opening is brighter than anything.
+        share: of the opening's pixels, that count as the brightest.
+
+    Returns:
+        The middle of the brightest pixels: x to the right, y upwards, over the picture's width.
+
+    Raises:
+        SimrigError: a black picture.
+    """
+    grey = picture.mean(axis=-1)
     size = len(grey)
-    smooth = gaussian_filter(grey, size / 60.0)
-    weight = np.maximum(smooth - 0.7 * smooth.max(), 0.0)
-    if not weight.sum() > 0.0:
+    along = (np.arange(size) + 0.5) / size - 0.5
+    x, y = np.meshgrid(along, -along)
+    inside = np.hypot(x, y) < _INNER
+    ranked = np.where(np.isnan(grey), np.inf, grey)[inside]
+    if not ranked.max() > 0.0:
         raise SimrigError("the opening is black: take the picture with the flash")
-    rows, columns = np.meshgrid(np.arange(size), np.arange(size), indexing="ij")
-    row, column = (float(np.sum(weight * v) / weight.sum()) for v in (rows, columns))
-    return (column + 0.5) / size - 0.5, 0.5 - (row + 0.5) / size
+    bright = ranked >= np.quantile(ranked, 1.0 - share, method="lower")
+    return float(x[inside][bright].mean()), float(y[inside][bright].mean())

@@ -33,7 +33,7 @@ def draw_sheet(
     panels = figure.subplots(4, len(columns), squeeze=False)
     for k, own in enumerate(columns):
         anisotropy = own.anisotropy
-        image = np.nan_to_num(own.picture)
+        image = np.nan_to_num(own.picture, nan=float(np.nanmax(own.picture)))  # saturated
         shown = to_srgb8(image, 0.9 / max(float(np.quantile(image, 0.985)), 1e-12))
         top = panels[:, k]
         for panel in top[:2]:

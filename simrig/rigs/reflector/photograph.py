@@ -17,6 +17,8 @@ from simrig.rigs.reflector.lighting import lighting_of
 from simrig.rigs.reflector.mirror import Reflector
 
 PIXELS = 192  # of the picture that is cut out; the least squares see blocks of 2 × 2
+# of the pixels, where light gathers; a highlight draws out a large spot
+_SPOT, _SMALL_SPOT = 0.03, 0.005
 _WHITE = 0.999  # of the largest value of an integer format: saturated
 
 
@@ -104,9 +106,10 @@ def _aligned(mirror: Reflector, picture: np.ndarray, even: bool) -> Reflector:
     Raises:
         SimrigError: light gathers elsewhere than in any picture of the instrument.
     """
-    x, y = brightest_spot(picture)
+    share = _SPOT if even else _SMALL_SPOT
+    x, y = brightest_spot(picture, share)
     own = replace(mirror, flash_azimuth_deg=0.0)
-    usual, _ = brightest_spot(fold(own, PIXELS, flash_points=1).total[..., None])
+    usual, _ = brightest_spot(fold(own, PIXELS, flash_points=1).total[..., None], share)
     ratio = float(np.hypot(x, y) / abs(usual))
     if not 0.3 <= ratio <= 2.0:
         raise SimrigError(
