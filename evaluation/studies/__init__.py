@@ -15,6 +15,7 @@ from simrig.evaluation.studies import (
     reflector_axes,
     reflector_models,
     table_5_3,
+    tailored_sampling,
     traps,
 )
 from simrig.evaluation.studies.btf_against_structure import study as btf_against_structure
@@ -46,6 +47,7 @@ STUDIES: dict[str, Study] = {
         traps.STUDY,
         registration.STUDY,
         reflector_axes.STUDY,
+        tailored_sampling.STUDY,
         reflector_models.STUDY,
         multiaxial.STUDY,
         room_switch.STUDY,

@@ -13,6 +13,7 @@ from simrig.plans.gantry import GantryPlan
 from simrig.plans.large_sample import LargeSamplePlan
 from simrig.plans.listed import Directions, SchemePlan
 from simrig.plans.protocol import Plan
+from simrig.plans.tailored import TailoredPlan
 from simrig.plans.uniform import RegularGrid, UniformPlan
 from simrig.plans.visible_normals import VisibleNormalsPlan
 
@@ -29,6 +30,7 @@ PLANS: dict[str, type[Plan]] = {
         SchemePlan,
         GantryPlan,
         VisibleNormalsPlan,
+        TailoredPlan,
         LargeSamplePlan,
         Directions,
     )
