@@ -19,7 +19,7 @@ def test_samples_lie_along_the_axis() -> None:
     angles = plan.angles()
     assert angles.shape == (1025, 4) == (plan.samples, 4)
     assert angles[:, :2].max() <= np.radians(80.0)
-    along = angles[-400:]
+    along = angles[-250:]
     half = to_vector(along[:, 0], along[:, 2]) + to_vector(along[:, 1], along[:, 3])
     away = (np.degrees(np.arctan2(half[:, 1], half[:, 0])) - 30.0 + 90.0) % 180.0 - 90.0
     assert np.median(np.abs(away)) == pytest.approx(0.6745 * 20.0 / 2.355, abs=1.0)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
 
 LEAST_SAMPLES, MOST_SAMPLES = 20, 20_000
-_EVEN, _SPECULAR = 0.4, 0.2  # shares of the samples; the others lie along highlights
+_EVEN, _SPECULAR = 0.6, 0.15  # shares of the samples; the others lie along highlights
 _SPECULAR_SLOPE = 0.25  # of half vectors
 _LARGEST_H = np.radians(65.0)
 _SIGMA = 2.355  # full width at half height over the standard deviation
