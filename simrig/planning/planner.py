@@ -59,6 +59,7 @@ from simrig.rendering import render as rendering
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
 _ENOUGH = 0.25  # of the noise that is allowed: time that is left over buys no less than that
+_DEEPER = 0.3  # of what is left for what is left out, for the orders beyond the depth
 _WORTH_PARTICLES = 16  # samples of a picture by paths for each particle that is followed first
 _NOISE_SHARE = 0.7  # of what is left of a tolerance, see ``_noise_share``
 OVER_TIME = (0.25, 1.0, 4.0)  # of the samples, for the table of error over seconds
@@ -280,7 +281,8 @@ def _depth(
 ) -> tuple[int, float]:
     """Return the path depth, and what the orders beyond it may change.
 
-    They use what the left-out effects leave.
+    They use little of what the left-out effects leave: tolerance that is used up for orders is
+    paid for in samples, and deep paths are few.
     """
     (indirect,) = (d for d in decisions if d.effect == "inter-reflection")
     if not indirect.on:
@@ -290,7 +292,7 @@ def _depth(
     if indirect.bound.value == 0.0:
         return DIRECT_DEPTH + 1, 0.0
     bounds = subject.indirect_changes(allowed)
-    orders = bounds.bounces_needed(max(allowed.amount - left_out(decisions), 0.0))
+    orders = bounds.bounces_needed(_DEEPER * max(allowed.amount - left_out(decisions), 0.0))
     if orders is None:
         return UNLIMITED, 0.0
     orders = max(orders, 1)
