@@ -13,6 +13,7 @@ from simrig.brdf import Brdf, Lambert, Ward, kurt_material
 from simrig.brdf.kriging.coordinates import Stretch
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.minnaert import Minnaert
+from simrig.brdf.multiaxial import Mode, Multiaxial
 from simrig.brdf.slices.slices import SliceBrdf
 from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.dense import DenseTable
@@ -88,6 +89,9 @@ KINDS: dict[str, Callable[[], Brdf]] = {
     "ward_bounded": lambda: Ward(m_x=0.005, m_y=0.4),
     "kurt": lambda: kurt_material(_MATERIAL),
     "kurt_metal": lambda: kurt_material("brushed_aluminium"),
+    "multiaxial": lambda: Multiaxial(
+        (0.1, 0.2, 0.3), (Mode.of(20.0, 30.0, 40.0, 0.2), Mode.of(110.0, 50.0, 60.0, 0.1))
+    ),
     "minnaert": lambda: Minnaert((0.1, 0.2, 0.3), -2.0),
     "dense": lambda: DenseTable(random(4, 4, 6, 8), np.radians(25.0)),
     "dense_fade": lambda: DenseTable(random(4, 4, 6, 6), np.radians(25.0), beyond="fade"),

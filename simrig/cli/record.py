@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from simrig.cli import effect_options, frame
@@ -112,6 +111,8 @@ def _on_workers(
     report: Any,
 ) -> None:
     """Spread the poses over Dask workers, which write side by side."""
+    import numpy as np
+
     from simrig.evaluation.studies.engine.distributed import run_on_workers
     from simrig.rigs.imaging.recorder import calibrate
     from simrig.rigs.imaging.request import record_cell, share
