@@ -43,7 +43,7 @@ def test_double_precision_is_at_rounding(table):
     for row in table:
         flushed = row.precision != "numpy-float64" and "denormal" in row.explanation
         if row.precision != "drjit-float32" and row.object not in tables and not flushed:
-            assert row.worst_relative < 5e-14, row
+            assert row.worst_relative < 1e-13, row  # lobes of m = 0.005: 450 roundings
 
 
 def test_single_precision_on_random_directions(table):
