@@ -243,9 +243,10 @@ def test_a_killed_recording_goes_on_with_the_same_bits() -> None:
     ]  # fmt: skip
     subprocess.run([*command, "-o", "whole"], check=True, capture_output=True)
     kills = 0
-    for wait in rng.uniform(3.0, 8.0, 3):
+    for poses in (1, 7, 12):
         process = subprocess.Popen([*command, "-o", "cut"], stdout=-3, stderr=-3)
-        time.sleep(wait)
+        while process.poll() is None and len(list(Path("cut/poses").glob("*.npz"))) < poses:
+            time.sleep(0.01)
         if process.poll() is None:
             os.kill(process.pid, signal.SIGKILL)
             kills += 1

@@ -103,10 +103,12 @@ class Renderer:
         """
         width, height = self.optics.sensor.pixels
         together = max(1, _MOST_VALUES // (width * height * 3))
-        camera = poses.actual.camera_to_world[numbers[0]]
+        cameras = poses.actual.camera_to_world
+        camera = cameras[numbers[0]]
+        view = int((cameras == camera).all(axis=(1, 2)).argmax())  # the same for any part of it
         for first in range(0, len(numbers), together):
             part = numbers[first : first + together]
-            shown = self._shown(camera, poses.actual.light_mm[part], int(numbers[0]))
+            shown = self._shown(camera, poses.actual.light_mm[part], view)
             for picture, hours in zip(shown, poses.hours[part], strict=True):
                 yield self._collected(picture, float(hours))
 
