@@ -25,6 +25,7 @@ from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
 from simrig.directions.schemes import scheme
 from simrig.evaluation.experiment.measured_half import MeasuredHalf
+from simrig.evaluation.studies.multiaxial import Turned
 from simrig.files.rgl.reader import read_rgl
 from simrig.files.rgl.writer import RglResolution, write_rgl
 from simrig.plans.along_slices import SlicePlan
@@ -113,6 +114,9 @@ KINDS: dict[str, Callable[[], Brdf]] = {
     "highlight_slices": lambda: reconstruct_along_highlights(_slice_measurement("all")),
     "highlight_slices_axial_diagonal": lambda: reconstruct_along_highlights(
         _slice_measurement("axial-diagonal")
+    ),
+    "turned": lambda: Turned(
+        ((Ward(m_x=0.1, m_y=0.4), 0.4, 0.5), (kurt_material(_MATERIAL), 1.2, 0.5))
     ),
     "measured_half": lambda: MeasuredHalf(_along_slices()),
     "btf_full": lambda: FullBtf.from_stack(_stack()),
