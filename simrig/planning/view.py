@@ -19,7 +19,7 @@ PIXELS = 1024  # looked at, at most
 SEED = 20_240_607  # plans are reproducible
 GROUPS = 4  # into which the samples of a pixel fall
 SAMPLER = "multijitter"  # of pictures that are planned: stratified in every pair of dimensions
-_CANDIDATES, _TRIES = 16 * PIXELS, 4  # pixels of which those are chosen, and rays through each
+_CANDIDATES, _TRIES = 16 * PIXELS, 16  # pixels of which those are chosen, and rays through each
 _STEPS = 256  # of the half of a reconstruction filter
 
 
