@@ -175,7 +175,9 @@ def test_a_scheduler_that_cannot_be_reached_is_named_soon(
 
 @pytest.mark.slow
 def test_a_worker_may_die_without_loss(squares: Study, tmp_path: Path) -> None:
+    """Nor does it matter how large the configuration is."""
     config = {"count": 8, "seconds": 0.05, "die_once_at": 4, "mark": str(tmp_path / "died")}
+    config["large"] = "x" * 3_000_000
     results = run_study(squares, config, tmp_path / "results", workers=2)
     assert (tmp_path / "died").exists(), "a worker was killed"
     assert results.rows == [

@@ -115,7 +115,7 @@ def _on_workers(
 
     from simrig.evaluation.studies.engine.distributed import run_on_workers
     from simrig.rigs.imaging.recorder import calibrate
-    from simrig.rigs.imaging.request import record_cell, share
+    from simrig.rigs.imaging.request import record_cell
 
     recording.begin(output)
     calibrate(recording.camera, output)
@@ -127,7 +127,7 @@ def _on_workers(
         for part in np.array_split(view, max(1, len(view) // 64))
     ]
     if cells:
-        config = share(request, output)
+        config = {"folder": str(output.absolute()), "request": request.as_text()}
         for _, rows, _ in run_on_workers(record_cell, config, cells, scheduler, workers):
             done += sum(row["poses"] for row in rows)
             report(done, len(recording.angles))

@@ -12,6 +12,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
 from simrig.core.errors import SimrigError
@@ -52,10 +53,9 @@ def run_on_workers(
     with ExitStack() as stack:
         client = stack.enter_context(_connected(scheduler, min(workers, len(cells))))
         threads = None if scheduler else 1
-        futures = client.map(
-            _run, cells, config=config, run_cell=run_cell, threads=threads,
-            pure=False, retries=_RETRIES,
-        )  # fmt: skip
+        # Dask makes tasks of large keyword arguments, and loses them: they go with the function
+        work = partial(_run, config=config, run_cell=run_cell, threads=threads)
+        futures = client.map(work, cells, pure=False, retries=_RETRIES)
         stack.callback(_cancel, client, futures)
         cell_of = dict(zip(futures, cells, strict=True))
         for future in as_completed(futures):

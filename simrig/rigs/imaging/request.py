@@ -15,7 +15,6 @@ import numpy as np
 from simrig.core.effects import EffectPlan, Overrides, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.files import hdf5
-from simrig.files.atomic import atomic_write
 from simrig.files.btf.hdf5 import CONTENT as BTF
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.load import load_material
@@ -26,8 +25,6 @@ from simrig.rigs.btf.rig import view_order
 from simrig.rigs.imaging.effects import check_effects, plan_pictures
 from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.recorder import Camera, Recording
-
-_REQUEST = "request.json"
 
 
 @dataclass(frozen=True)
@@ -61,9 +58,9 @@ class Request:
     effects: tuple[str, ...] = ()
     not_reached: Mapping[str, int] | None = None
 
-    def as_config(self) -> dict[str, Any]:
-        """Return plain values."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+    def as_text(self) -> str:
+        """Return it as JSON, for workers."""
+        return json.dumps(vars(self))
 
     def optics(self) -> Optics:
         """Return the instrument at work (see ``Optics.of``)."""
@@ -167,23 +164,15 @@ def material_of(source: str, seed: int = 0) -> Any:
     return load_material(source)
 
 
-def share(request: Request, folder: Path) -> dict[str, Any]:
-    """Leave a request in a recording's folder for workers; return what ``record_cell`` needs."""
-    with atomic_write(folder / _REQUEST) as temporary:
-        temporary.write_text(json.dumps(request.as_config()), encoding="utf-8")
-    return {"folder": str(folder.absolute())}
-
-
 def record_cell(config: Mapping[str, Any], cell: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Record some poses of one view in a worker.
 
     Args:
-        config: what ``share`` returned; all workers reach the folder under this name.
+        config: ``folder``, which all workers reach under this name, and ``request`` as text.
         cell: ``numbers`` of the poses.
     """
-    folder = Path(config["folder"])
-    recording = _made((folder / _REQUEST).read_text(encoding="utf-8"))
-    return [{"poses": recording.take(folder, np.array(cell["numbers"]))}]
+    recording = _made(config["request"])
+    return [{"poses": recording.take(Path(config["folder"]), np.array(cell["numbers"]))}]
 
 
 @lru_cache(maxsize=2)
