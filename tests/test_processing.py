@@ -120,12 +120,54 @@ def test_what_is_damaged_is_named_and_nothing_is_lost(recording, tmp_path):
         process_recording(tmp_path, tmp_path / "out.h5")
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"sample": {}}, "size_mm of the recording's sample must be a number, got None"),
+        ({"sample": {"size_mm": -1.0}}, "above 0"),
+        ({"sample": {"size_mm": 40.0, "marks_mm": [[1.0], [2.0, 3.0]]}}, "marks_mm"),
+        ({"sample": {"size_mm": 40.0, "marks_mm": [[1.0, 2.0, 0.0]]}}, r"must be \(4, 3\)"),
+        ({"effects": "all"}, "are objects"),
+        ({"calibration": {"white_albedo": "white"}}, "white_albedo of the recording"),
+    ],
+)
+def test_what_a_recording_says_is_checked(recording, tmp_path, change, said):
+    folder = copied(recording, tmp_path / "recording")
+    about = json.loads((folder / "recording.json").read_text()) | change
+    (folder / "recording.json").write_text(json.dumps(about))
+    with pytest.raises(SimrigError, match=said):
+        process_recording(folder, tmp_path / "out.h5", Settings(pixels=16, plane="marks"))
+
+
+def test_a_picture_of_other_shapes_is_named(recording, tmp_path):
+    folder = copied(recording, tmp_path / "recording")
+    with np.load(folder / "poses" / "000002.npz") as file:
+        arrays = dict(file)
+    np.savez(folder / "poses" / "000002.npz", **arrays | {"angles": np.zeros(3)})
+    with pytest.raises(SimrigError, match=r"000002.npz': angles must be \(4,\) finite numbers"):
+        process_recording(folder, tmp_path / "out.h5", Settings(pixels=16))
+
+
+def test_info_knows_a_recording_and_what_to_do_next(recording, tmp_path):
+    folder = copied(recording, tmp_path / "recording")
+    about = run_json("info", folder)
+    assert about["kind"] == "recording" and about["facts"]["poses"] == "9 of 9"
+    assert about["facts"]["calibration"] == ["white"] and about["says"]["bits"] == 14
+    assert about["use"] == [f"simrig process recording {folder} --output NAME.h5"]
+    (folder / "poses" / "000008.npz").unlink()
+    assert "8 of 9 poses: finish recording first" in run_json("info", folder)["use"][0]
+
+
 def test_no_room_and_no_folder_are_one_line(recording, tmp_path):
     error = bad_input("process", "recording", recording, "-o", tmp_path / "no" / "out.h5")
     assert "does not exist" in error
     about = json.loads((recording / "recording.json").read_text())
     assert about["sample"]["size_mm"] == SAMPLE_MM
-    for size, said in ((41, "asked for are 41 mm"), (-1, "above 0"), ("nan", "finite")):
+    for size, said in (
+        (41, "asked for are 41 mm: lower --size-mm"),
+        (-1, "above 0"),
+        ("nan", "finite"),
+    ):
         error = bad_input("process", "recording", recording, "-o", tmp_path / "out.h5",
                           "--size-mm", size)  # fmt: skip
         assert said in error

@@ -20,13 +20,14 @@ from command_line import done, refusal
 from refusals import refused
 from simrig.brdf import Lambert, kurt_material
 from simrig.core.effects import Overrides, Tolerance
+from simrig.files.recorded import read_about
 from simrig.instruments.description import described, shipped
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.listed import Directions
 from simrig.rigs.direct.recording import at
 from simrig.rigs.imaging.effects import EFFECT_NAMES
 from simrig.rigs.imaging.optics import Optics
-from simrig.rigs.imaging.recorder import Camera, Recording, kept, read_about
+from simrig.rigs.imaging.recorder import Camera, Recording, kept
 from simrig.rigs.imaging.rig import ImagingRig
 from simrig.rigs.registry import make_rig
 

@@ -21,6 +21,7 @@ from simrig.files.formats import FORMATS, ReadOptions
 from simrig.files.load import read_material
 from simrig.files.pictures import picture_format, read_picture
 from simrig.files.recognise import file_format
+from simrig.files.recorded import NAME, RecordedPictures
 from simrig.files.utia import DATABASE, states_layout
 
 _MOST_ENTRIES = 24
@@ -79,6 +80,8 @@ def describe(
 
 def _described(path: str | Path, options: ReadOptions | None, layer: str | None) -> Description:
     path = Path(path)
+    if (path / NAME).is_file():
+        return _recording(path)
     if path.is_dir() or (is_archive(path) and _holds_pictures(path)):
         return _folder(path)
     path = existing_file(path)
@@ -136,6 +139,28 @@ def _folder(path: Path) -> Description:
         facts,
         [f"simrig btf convert {path} NAME.h5 --size-mm WIDTHxHEIGHT"],
     )
+
+
+def _recording(path: Path) -> Description:
+    found = RecordedPictures(path)
+    frames = found.pose(0)["frames"].shape if found.poses else ()
+    names = sorted(file.stem for file in (path / "calibration").glob("*.npz"))
+    keys = ("material", "plan", "seed", "seconds")
+    facts = {
+        **{key: found.about[key] for key in keys if key in found.about},
+        "poses": f"{len(found.poses):,} of {found.about.get('poses', len(found.poses)):,}",
+        "frames_of_the_first": list(frames),
+        "calibration": names,
+        "sample": {k: v for k, v in found.sample.items() if isinstance(v, int | float)},
+        "effects": sorted(found.effects),
+    }
+    try:
+        found.check_whole()
+        use = f"simrig process recording {path} --output NAME.h5"
+    except SimrigError as error:
+        use = str(error)
+    says = {k: v for k, v in found.sensor.items() if v is not None}
+    return Description(path, "recording", "raw pictures, pose by pose", says, [], facts, [use])
 
 
 def _picture(path: Path, layer: str | None) -> Description:

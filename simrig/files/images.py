@@ -46,6 +46,7 @@ def write_exr(
     path: str | Path,
     image: np.ndarray,
     metadata: Mapping[str, str | int | float | bool] | None = None,
+    channels: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Write linear RGB as an OpenEXR file (32-bit float, ZIP compression).
 
@@ -54,11 +55,13 @@ def write_exr(
         image: linear RGB, shape (height, width, 3) or one channel.
         metadata: header attributes that viewers show. ``comments``, ``owner`` and ``capDate``
             are standard names; others are free. Numbers stay numbers, anything else is text.
+        channels: further ones by their names, (height, width) each.
 
     Raises:
         SimrigError: for NaN, a wrong shape, or a folder that cannot be written.
     """
     image = as_image(image)
+    more = {name: np.array(value, np.float32) for name, value in (channels or {}).items()}
     header: dict[str, object] = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -67,7 +70,7 @@ def write_exr(
     header.update({key: _attribute(value) for key, value in (metadata or {}).items()})
     with atomic_write(path) as temporary:
         try:
-            OpenEXR.File(header, {"RGB": image}).write(str(temporary))
+            OpenEXR.File(header, {"RGB": image, **more}).write(str(temporary))
         except RuntimeError as error:
             raise SimrigError(f"cannot write '{path}': {error}") from error
 

@@ -7,6 +7,9 @@ the sRGB that it looks like. Here numbers are taken as they stand.
 from __future__ import annotations
 
 import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,9 @@ READ = (".npy", ".npz", ".exr", ".hdr", ".pfm", ".tif", ".tiff", ".png")
 WRITTEN = (".npy", ".npz", ".exr", ".tif", ".tiff")
 _RAW = {".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"}
 _LARGEST = 1 << 32  # bytes of an array
+_BROKEN = (
+    zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError, SyntaxError,
+)  # fmt: skip
 
 
 def read_values(path: str | Path, name: str | None = None) -> np.ndarray:
@@ -72,26 +78,37 @@ def write_values(path: str | Path, arrays: dict[str, np.ndarray]) -> None:
             file.write(_tiff(first))
 
 
-def _array(path: Path, name: str | None) -> np.ndarray:
+@contextmanager
+def opened_arrays(path: Path, hint: str = "") -> Iterator[Any]:
+    """Give what ``numpy.load`` makes of a file; damage, also while it is read, is named.
+
+    Raises:
+        SimrigError: a damaged file, or one with objects in it.
+    """
     try:
-        if path.stat().st_size > _LARGEST:
-            raise SimrigError(f"'{path}' is larger than {_LARGEST:,} bytes")
         with open(path, "rb") as raw:
-            found: Any = np.load(raw, allow_pickle=False)
-            if isinstance(found, np.ndarray):
-                return found
-            names = [n for n in found.files if not n.endswith(".json")]
-            if name is None and len(names) > 1:
-                name = next((n for n in ("value", "frames", "values") if n in names), None)
-            if name is None and len(names) == 1:
-                name = names[0]
-            if name not in names:
-                raise SimrigError(f"'{path}' holds {', '.join(names)}: say which one is meant")
-            return np.asarray(found[name])
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        if isinstance(error, SimrigError):
-            raise
-        raise SimrigError(f"'{path}' is a damaged NumPy file: {error}") from error
+            yield np.load(raw, allow_pickle=False)
+    except SimrigError:
+        raise
+    except (*_BROKEN, KeyError, TypeError) as error:
+        said = " ".join(str(error).split())[:80] or type(error).__name__
+        raise SimrigError(f"'{path}' is damaged ({said}){hint}") from error
+
+
+def _array(path: Path, name: str | None) -> np.ndarray:
+    if path.stat().st_size > _LARGEST:
+        raise SimrigError(f"'{path}' is larger than {_LARGEST:,} bytes")
+    with opened_arrays(path) as found:
+        if isinstance(found, np.ndarray):
+            return found
+        names = [n for n in found.files if not n.endswith(".json")]
+        if name is None and len(names) > 1:
+            name = next((n for n in ("value", "frames", "values") if n in names), None)
+        if name is None and len(names) == 1:
+            name = names[0]
+        if name not in names:
+            raise SimrigError(f"'{path}' holds {', '.join(names)}: say which one is meant")
+        return np.asarray(found[name])
 
 
 def _decoded(path: Path) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from simrig.core.errors import SimrigError
 from simrig.core.kept import kept
+from simrig.imaging.marks import frame_corners
 from simrig.instruments.description import Description, GonioreflectometerDescription
 from simrig.instruments.kinematics import ArmKinematics, kinematics_of
 from simrig.instruments.parts import needs
@@ -260,8 +261,7 @@ class Optics:
         """Return the outer corners of the frame, from -x +y clockwise, (4, 3); (0, 3) without."""
         if self.frame_mm is None:
             return np.zeros((0, 3))
-        half = 0.5 * self.frame_mm[1]
-        return half * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+        return np.pad(frame_corners(self.frame_mm[1], self.frame_mm[1]), ((0, 0), (0, 1)))
 
     def facts(self) -> dict[str, Any]:
         """Return what a recording says of the instrument, as plain values."""

@@ -19,17 +19,19 @@ import numpy as np
 from simrig.core.colour import FROM_XYZ, TO_XYZ
 from simrig.core.errors import SimrigError
 from simrig.core.progress import Progress, tracked
-from simrig.files.atomic import atomic_write
 from simrig.files.btf.recording import BtfWriter
+from simrig.files.btf.source import ANGLES
+from simrig.files.images import write_exr
+from simrig.files.recorded import RecordedPictures
 from simrig.imaging.alignment import Plane
 from simrig.imaging.camera import Camera, from_pose
 from simrig.imaging.chart import ColourMatrix, colour_matrix, read_patches
-from simrig.imaging.marks import expected_frame, find_frame
+from simrig.imaging.checks import finite_array, finite_number
+from simrig.imaging.marks import expected_frame, find_frame, frame_corners
 from simrig.imaging.merging import Merged, SensorModel, merge
 from simrig.imaging.mosaic import demosaic, fill_defects, find_defects
 from simrig.imaging.plane import PlaneFit, fit_plane
 from simrig.imaging.registration import Area, register, registered_views
-from simrig.rigs.imaging.recorded import RecordedPictures
 
 PLANE_VIEWS = 80  # thesis section 4.2.2
 _SURE_MM = 0.2  # uncertainty up to which a plane that was found is taken
@@ -83,8 +85,20 @@ class Chain:
     @cached_property
     def corners(self) -> np.ndarray:
         """Outer corners of the frame on the reference plane, (4, 2) mm, or (0, 2)."""
-        marks = np.asarray(self.recording.sample.get("marks_mm", []), dtype=np.float64)
-        return marks[:, :2] if marks.shape == (4, 3) else np.zeros((0, 2))
+        given = self.recording.sample.get("marks_mm")
+        if not given:
+            return np.zeros((0, 2))
+        marks = finite_array(given, "marks_mm of the recording", (2,))
+        if marks.shape != (4, 3):
+            raise SimrigError(f"marks_mm of the recording must be (4, 3), got {marks.shape}")
+        return marks[:, :2]
+
+    @cached_property
+    def sample_mm(self) -> float:
+        """Side of the recording's sample."""
+        return finite_number(
+            self.recording.sample.get("size_mm"), "size_mm of the recording's sample", above=0.0
+        )
 
     def merged(self, taken: Mapping[str, np.ndarray]) -> Merged:
         """Return the merged frames of a picture."""
@@ -99,10 +113,9 @@ class Chain:
         taken = self.recording.calibration("white")
         if taken is None:
             return None
-        value = self.merged(taken).value
-        if self.bad is not None:
-            value = fill_defects(value, self.bad, self.cfa)
-        albedo = float(self.recording.about.get("calibration", {}).get("white_albedo", 1.0))
+        value = self._whole(taken)
+        said = self.recording.about.get("calibration", {}).get("white_albedo", 1.0)
+        albedo = finite_number(said, "white_albedo of the recording", above=0.0)
         x, y = self._plane_points(_camera(taken), value.shape)
         light = self.irradiance(x, y, Plane(), taken["light_mm"])
         response = value / (light * albedo / np.pi)
@@ -130,24 +143,26 @@ class Chain:
         known = self.recording.about.get("calibration", {}).get("chart_albedo")
         if taken is None or known is None or self.cfa is None:
             return None
-        half = 0.5 * float(self.recording.sample["size_mm"])
-        ends = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1, -1, 0]])
         camera = _camera(taken)
+        ends = expected_frame(camera, frame_corners(self.sample_mm, self.sample_mm))
         flat = self.colours(taken)
         x, y = self._plane_points(camera, flat.shape)
         light = self.irradiance(x, y, Plane(), taken["light_mm"])
-        shown = read_patches(np.pi * flat / light[..., None], camera.project(ends))
-        reference = np.asarray(known, dtype=np.float64) @ TO_XYZ.T
+        shown = read_patches(np.pi * flat / light[..., None], ends)
+        reference = finite_array(known, "chart_albedo of the recording", (2,)) @ TO_XYZ.T
         return colour_matrix(shown, reference, TO_XYZ.sum(axis=1))
+
+    def _whole(self, taken: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return a merged picture, its defects filled."""
+        value = self.merged(taken).value
+        return value if self.bad is None else fill_defects(value, self.bad, self.cfa)
 
     def colours(self, taken: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return a picture's linear colours over the response of the pixels, (h, w, 3)."""
-        value = self.merged(taken).value
-        if self.bad is not None:
-            value = fill_defects(value, self.bad, self.cfa)
-        response = self.white
+        value, response = self._whole(taken), self.white
         if response is None:
-            response = np.asarray(float(self.recording.sensor.get("electrons_per_second", 1.0)))
+            rate = self.recording.sensor.get("electrons_per_second", 1.0)
+            response = np.asarray(finite_number(rate, "the sensor's electrons_per_second", above=0))
         if response.ndim and response.shape != value.shape:
             raise SimrigError(
                 f"'{self.recording.folder}': the white picture is {response.shape}, a pose "
@@ -199,10 +214,12 @@ class Chain:
     @cached_property
     def area(self) -> Area:
         """The square that images show."""
-        whole = float(self.recording.sample["size_mm"])
-        size = whole if self.settings.size_mm is None else self.settings.size_mm
-        if size > whole * (1.0 + 1e-9):
-            raise SimrigError(f"the sample is {whole:g} mm large, asked for are {size:g} mm")
+        size = self.sample_mm if self.settings.size_mm is None else self.settings.size_mm
+        if size > self.sample_mm * (1.0 + 1e-9):
+            raise SimrigError(
+                f"the sample is {self.sample_mm:g} mm large, asked for are {size:g} mm: lower "
+                "--size-mm"
+            )
         return Area((size, size), (self.settings.pixels, self.settings.pixels))
 
     def image(self, number: int, plane: Plane) -> tuple[np.ndarray, bool]:
@@ -214,7 +231,7 @@ class Chain:
         if not seen.all():
             raise SimrigError(
                 f"'{self.recording.poses[number]}' shows {100.0 * seen.mean():.0f} % of the "
-                f"{self.area.size_mm[0]:g} mm that are asked for: choose a smaller size"
+                f"{self.area.size_mm[0]:g} mm that are asked for: choose a smaller --size-mm"
             )
         x, y = self.area.points()
         light = self.irradiance(x, y, plane, taken["light_mm"])
@@ -289,12 +306,13 @@ def process_recording(
     if chosen.plane not in ("fit", "marks"):
         raise SimrigError(f"the plane is to be 'fit' or that of the 'marks', got '{chosen.plane}'")
     recording = RecordedPictures(folder)
+    recording.check_whole()
     chain = Chain(recording, chosen)
     angles = chain.angles()
     surface, about = _surface(chain, angles)
     provenance = {
         "recording": {key: recording.about.get(key) for key in ("material", "plan", "seed")},
-        "settings": {key: value for key, value in vars(chosen).items()},
+        "settings": dict(vars(chosen)),
         "plane": about,
     }
     marked, negative = np.zeros(len(angles)), np.zeros(len(angles))
@@ -361,29 +379,15 @@ def _write_picture(
     folder: Path, number: int, image: np.ndarray, angles: np.ndarray, chain: Chain, plane: Plane
 ) -> None:
     """Write one registered image: R, G, B linear sRGB and xyz.X, xyz.Y, xyz.Z, with its pose."""
-    import OpenEXR
-
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise SimrigError(f"cannot write '{folder}': {error.strerror}") from error
-    degrees = np.degrees(angles)
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "software": "simrig",
+    about = {
         "unit": "f_r in 1/sr",
         "width_mm": chain.area.size_mm[0],
         "plane_mm": json.dumps(plane.numbers.tolist()),
+        **dict(zip(ANGLES, np.degrees(angles), strict=True)),
     }
-    names = ("theta_i_deg", "theta_v_deg", "phi_i_deg", "phi_v_deg")
-    header |= {name: float(value) for name, value in zip(names, degrees, strict=True)}
-    rgb = image.astype(np.float32)
-    xyz = (image @ TO_XYZ.T).astype(np.float32)
-    channels = {name: np.ascontiguousarray(rgb[..., k]) for k, name in enumerate("RGB")}
-    channels |= {f"xyz.{n}": np.ascontiguousarray(xyz[..., k]) for k, n in enumerate("XYZ")}
-    with atomic_write(folder / f"{number:06d}.exr") as temporary:
-        try:
-            OpenEXR.File(header, channels).write(str(temporary))
-        except RuntimeError as error:
-            raise SimrigError(f"cannot write to '{folder}': {error}") from error
+    xyz = dict(zip(("xyz.X", "xyz.Y", "xyz.Z"), np.moveaxis(image @ TO_XYZ.T, -1, 0), strict=True))
+    write_exr(folder / f"{number:06d}.exr", image, about, xyz)

@@ -24,6 +24,7 @@ from simrig.core.counter_rng import hashed
 from simrig.core.errors import SimrigError
 from simrig.files.atomic import atomic_write
 from simrig.files.checkpoint import Checkpoint
+from simrig.files.recorded import FORMAT, NAME, VERSION, read_about
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.fingerprint import fingerprint
 from simrig.rigs.imaging.effects import EFFECT_NAMES
@@ -32,8 +33,6 @@ from simrig.rigs.imaging.pictures import Poses, Renderer, poses_of
 from simrig.rigs.imaging.sensor import SENSOR_EFFECTS
 from simrig.rigs.imaging.surface import FlatSurface, Surface, surface_of
 
-RECORDING = "recording.json"
-FORMAT, VERSION = "simrig recording", 1
 WHITE_ALBEDO = 0.95
 CALIBRATION = ("white", "dark", "chart")
 _CALIBRATION_DEG = (45.0, 0.0, 0.0, 0.0)  # 45:0, theta_i, theta_v, phi_i, phi_v
@@ -245,7 +244,7 @@ class Recording:
             SimrigError: a folder of something else, or of another recording.
         """
         about = self.about()
-        file = folder / RECORDING
+        file = folder / NAME
         if file.is_file():
             there = read_about(folder)
             for key in about.keys() | there.keys():
@@ -324,22 +323,3 @@ def _identity(material: Any) -> str:
         text = json.dumps(about, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
     return fingerprint(material)
-
-
-def read_about(folder: Path) -> dict[str, Any]:
-    """Return what a recording's ``recording.json`` says.
-
-    Raises:
-        SimrigError: there is none, it is damaged, or of another version.
-    """
-    path = folder / RECORDING
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-        named, version = about["format"], about["version"]
-    except FileNotFoundError:
-        raise SimrigError(f"'{folder}' is no recording: it has no {RECORDING}") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SimrigError(f"'{path}' is damaged: remove the folder to record anew") from error
-    if named != FORMAT or version != VERSION:
-        raise SimrigError(f"'{path}' is of version {version} of '{named}', which is not read here")
-    return dict(about)

@@ -1,0 +1,110 @@
+"""Reading a recording: what ``recording.json`` says, and raw pictures; nothing is changed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simrig.core.errors import SimrigError
+from simrig.files.atomic import is_temporary
+from simrig.files.values import opened_arrays
+
+NAME, FORMAT, VERSION = "recording.json", "simrig recording", 1
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "angles": (4,),
+    "camera_to_world": (4, 4),
+    "light_mm": (3,),
+    "intrinsics": (3, 3),
+    "distortion": (5,),
+}
+
+
+def read_about(folder: str | Path) -> dict[str, Any]:
+    """Return what a recording's ``recording.json`` says.
+
+    Raises:
+        SimrigError: there is none, it is damaged, or of another version.
+    """
+    path = Path(folder) / NAME
+    if not path.is_file():
+        raise SimrigError(f"'{folder}' is no recording: it has no {NAME}")
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        named, version = about["format"], about["version"]
+        tables = [about["sample"], about["sensor"], about.get("effects", {})]
+        whole = all(isinstance(t, dict) for t in (*tables, about.get("calibration", {})))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise SimrigError(f"'{path}' is damaged: {type(error).__name__} {error}") from error
+    if (named, version) != (FORMAT, VERSION):
+        raise SimrigError(f"'{path}' is of version {version} of '{named}', not read here")
+    if not whole:
+        raise SimrigError(f"'{path}' is damaged: sample, sensor, effects, calibration are objects")
+    return dict(about)
+
+
+class RecordedPictures:
+    """A recording on disk.
+
+    Args:
+        folder: of it.
+
+    Attributes:
+        about: what ``recording.json`` says; ``sample`` and ``sensor`` are parts of it.
+        effects: names of those that were simulated.
+        poses: files of the poses that are there.
+
+    Raises:
+        SimrigError: see ``read_about``.
+    """
+
+    def __init__(self, folder: str | Path):
+        self.folder = Path(folder)
+        self.about = read_about(folder)
+        self.sample, self.sensor = self.about["sample"], self.about["sensor"]
+        self.effects = {name for name, on in self.about.get("effects", {}).items() if on}
+        poses = (self.folder / "poses").glob("*.npz")
+        self.poses = sorted(path for path in poses if not is_temporary(path))
+
+    def check_whole(self) -> None:
+        """Raise SimrigError where poses are still to be recorded."""
+        if not self.poses:
+            raise SimrigError(f"'{self.folder}' has no poses yet: record first")
+        expected = self.about.get("poses")
+        if isinstance(expected, int) and len(self.poses) < expected:
+            raise SimrigError(
+                f"'{self.folder}' has {len(self.poses):,} of {expected:,} poses: finish recording "
+                "first"
+            )
+
+    def pose(self, number: int) -> dict[str, np.ndarray]:
+        """Return the arrays of a pose."""
+        return _arrays(self.poses[number])
+
+    def calibration(self, name: str) -> dict[str, np.ndarray] | None:
+        """Return the arrays of a calibration picture, None where there is none."""
+        path = self.folder / "calibration" / f"{name}.npz"
+        return _arrays(path) if path.is_file() else None
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return a recorded picture.
+
+    Raises:
+        SimrigError: a damaged file, arrays that are missing or of another shape.
+    """
+    hint = ": record it again; what is processed is kept"
+    with opened_arrays(path, hint) as file:
+        arrays = {n: np.asarray(file[n]) for n in file.files if not n.endswith(".json")}
+    missing = [key for key in ("frames", "exposures", *_SHAPES) if key not in arrays]
+    if missing:
+        raise SimrigError(f"'{path}' lacks {', '.join(missing)}: it is no recorded picture")
+    for name, shape in _SHAPES.items():
+        found = arrays[name]
+        if found.shape != shape or found.dtype.kind not in "uif" or not np.isfinite(found).all():
+            raise SimrigError(
+                f"'{path}': {name} must be {shape} finite numbers, got {found.dtype} {found.shape}"
+            )
+    return arrays
