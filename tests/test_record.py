@@ -20,6 +20,7 @@ from command_line import done, refusal
 from refusals import refused
 from simrig.brdf import Lambert, kurt_material
 from simrig.core.effects import Overrides, Tolerance
+from simrig.files.btf.hdf5 import read_btf
 from simrig.files.recorded import read_about
 from simrig.instruments.description import described, shipped
 from simrig.plans.along_slices import SlicePlan
@@ -27,6 +28,7 @@ from simrig.plans.listed import Directions
 from simrig.rigs.direct.recording import at
 from simrig.rigs.imaging.effects import EFFECT_NAMES
 from simrig.rigs.imaging.optics import Optics
+from simrig.rigs.imaging.processing import Settings, process_recording
 from simrig.rigs.imaging.recorder import Camera, Recording, kept
 from simrig.rigs.imaging.rig import ImagingRig
 from simrig.rigs.registry import make_rig
@@ -228,6 +230,27 @@ def test_the_command_records_and_refuses() -> None:
         "--plan", "directions", "--pairs", "p.txt", "--transparent", "-o", "m.h5",
     )  # fmt: skip
     assert measured["rig"] == "imaging" and measured["cost"]["samples"] == 3
+
+
+def test_a_picture_smaller_than_the_sample_has_a_chart_that_it_shows(tmp_path: Path) -> None:
+    """What is in the picture is read as what it is, in its colours; less than a chart is said."""
+    albedo = (0.5, 0.3, 0.1)
+    small = Camera(Optics.of(UTIA, 10.0, (90, 60)), Lambert(albedo), ("fall-off",))
+    Recording(small, ANGLES[:2], "two", {}).run(tmp_path / "small")
+    found = process_recording(tmp_path / "small", tmp_path / "a.h5", Settings(16, size_mm=2.0))
+    assert found["chart_mean_dE"] < 0.5
+    assert "0 views show the frame" in found["plane"]["taken"]
+    images = read_btf(tmp_path / "a.h5").values[:]
+    np.testing.assert_allclose(images, np.broadcast_to(albedo, images.shape) / np.pi, rtol=0.01)
+    tiny = Camera(Optics.of(UTIA, 10.0, (9, 8)), Lambert(albedo), ("fall-off",))
+    Recording(tiny, ANGLES[:1], "one", {}).run(tmp_path / "tiny")
+    settings = Settings(16, size_mm=0.2)
+    refused(
+        "too small to be read: record with larger --pixels, or move calibration/chart.npz",
+        process_recording, tmp_path / "tiny", tmp_path / "b.h5", settings,
+    )  # fmt: skip
+    (tmp_path / "tiny" / "calibration" / "chart.npz").unlink()
+    assert process_recording(tmp_path / "tiny", tmp_path / "b.h5", settings)["poses"] == 1
 
 
 @pytest.mark.slow

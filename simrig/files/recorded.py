@@ -52,7 +52,8 @@ class RecordedPictures:
         folder: of it.
 
     Attributes:
-        about: what ``recording.json`` says; ``sample`` and ``sensor`` are parts of it.
+        about: what ``recording.json`` says; ``sample``, ``sensor`` and ``calibrated``
+            are parts of it.
         effects: names of those that were simulated.
         poses: files of the poses that are there.
 
@@ -64,6 +65,7 @@ class RecordedPictures:
         self.folder = Path(folder)
         self.about = read_about(folder)
         self.sample, self.sensor = self.about["sample"], self.about["sensor"]
+        self.calibrated = self.about.get("calibration", {})
         self.effects = {name for name, on in self.about.get("effects", {}).items() if on}
         poses = (self.folder / "poses").glob("*.npz")
         self.poses = sorted(path for path in poses if not is_temporary(path))

@@ -142,8 +142,8 @@ def read_patches(
     count = np.bincount(number, minlength=columns * rows)
     if count.min() == 0:
         raise SimrigError(
-            f"{int((count == 0).sum())} of {columns * rows} patches are not in the picture: check "
-            "the corners"
+            f"{int((count == 0).sum())} of {columns * rows} patches are not in the picture, or "
+            "smaller than its pixels: check the corners"
         )
     flat = values.reshape(-1, values.shape[2])[inside].astype(np.float64)
     sums = [np.bincount(number, flat[:, c], columns * rows) for c in range(flat.shape[1])]

@@ -131,6 +131,13 @@ class Optics:
             [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]]
         )
 
+    @property
+    def window_mm(self) -> tuple[float, float]:
+        """Width and height of what a picture shows at the sample's centre, facing the camera."""
+        width, height = self.sensor.pixels
+        pitch = self.moves.camera_mm / float(self.intrinsics[0, 0])
+        return width * pitch, height * pitch
+
     @cached_property
     def distortion(self) -> np.ndarray:
         """(5,) k1, k2, p1, p2, k3 of OpenCV."""

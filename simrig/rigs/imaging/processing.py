@@ -23,7 +23,7 @@ from simrig.files.btf.recording import BtfWriter
 from simrig.files.btf.source import ANGLES
 from simrig.files.images import write_exr
 from simrig.files.recorded import RecordedPictures
-from simrig.imaging.alignment import Plane
+from simrig.imaging.alignment import FEWEST_VIEWS, Plane
 from simrig.imaging.camera import Camera, from_pose
 from simrig.imaging.chart import ColourMatrix, colour_matrix, read_patches
 from simrig.imaging.checks import finite_array, finite_number
@@ -114,7 +114,7 @@ class Chain:
         if taken is None:
             return None
         value = self._whole(taken)
-        said = self.recording.about.get("calibration", {}).get("white_albedo", 1.0)
+        said = self.recording.calibrated.get("white_albedo", 1.0)
         albedo = finite_number(said, "white_albedo of the recording", above=0.0)
         x, y = self._plane_points(_camera(taken), value.shape)
         light = self.irradiance(x, y, Plane(), taken["light_mm"])
@@ -140,15 +140,23 @@ class Chain:
     def colour(self) -> ColourMatrix | None:
         """From the camera's colours to XYZ, by the chart; None without one."""
         taken = self.recording.calibration("chart")
-        known = self.recording.about.get("calibration", {}).get("chart_albedo")
+        known = self.recording.calibrated.get("chart_albedo")
         if taken is None or known is None or self.cfa is None:
             return None
         camera = _camera(taken)
-        ends = expected_frame(camera, frame_corners(self.sample_mm, self.sample_mm))
+        said = self.recording.calibrated.get("chart_mm", self.sample_mm)
+        side = finite_number(said, "chart_mm of the recording", above=0.0)
+        ends = expected_frame(camera, frame_corners(side, side))
         flat = self.colours(taken)
         x, y = self._plane_points(camera, flat.shape)
         light = self.irradiance(x, y, Plane(), taken["light_mm"])
-        shown = read_patches(np.pi * flat / light[..., None], ends)
+        try:
+            shown = read_patches(np.pi * flat / light[..., None], ends)
+        except SimrigError as error:
+            raise SimrigError(
+                f"the chart of '{self.recording.folder}' is too small to be read: record with "
+                "larger --pixels, or move calibration/chart.npz away to do without"
+            ) from error
         reference = finite_array(known, "chart_albedo of the recording", (2,)) @ TO_XYZ.T
         return colour_matrix(shown, reference, TO_XYZ.sum(axis=1))
 
@@ -247,10 +255,11 @@ class Chain:
             [self.recording.pose(n)["angles"] for n in range(len(self.recording.poses))]
         )
 
-    def plane(self, angles: np.ndarray) -> PlaneFit | None:
+    def plane(self, angles: np.ndarray) -> PlaneFit:
         """Return the surface's plane, by one picture of each of up to 80 views.
 
-        None where there are too few views, or nothing that could be aligned.
+        Raises:
+            SimrigError: there are too few views, or nothing that could be aligned.
         """
         order = np.lexsort((angles[:, 0],))
         views: dict[tuple[float, ...], int] = {}
@@ -259,9 +268,6 @@ class Chain:
             key = (0.0, 0.0) if angles[number, 1] < 1e-6 else key
             views.setdefault(key, int(number))
         chosen = sorted(views.values())[:: max(1, len(views) // PLANE_VIEWS)]
-        size = (
-            self.area.size_mm[0] / np.sqrt(2.0) if not len(self.corners) else self.area.size_mm[0]
-        )
         pictures, cameras = [], []
         for number in chosen:
             taken = self.recording.pose(number)
@@ -270,13 +276,11 @@ class Chain:
             if marked and np.degrees(taken["angles"][1]) < 76.0:
                 pictures.append(grey)
                 cameras.append(camera)
-        if len(pictures) < 3:
-            return None
-        pitch = size / max(self.settings.pixels, 64)
-        try:
-            return fit_plane(registered_views(pictures, cameras, Area.of_pitch(size, pitch)))
-        except SimrigError:
-            return None
+        if len(pictures) < FEWEST_VIEWS:
+            raise SimrigError(f"{len(pictures)} views show the frame, {FEWEST_VIEWS} are needed")
+        size = self.area.size_mm[0]
+        area = Area.of_pitch(size, size / max(self.settings.pixels, 64))
+        return fit_plane(registered_views(pictures, cameras, area))
 
 
 def process_recording(
@@ -315,7 +319,6 @@ def process_recording(
         "settings": dict(vars(chosen)),
         "plane": about,
     }
-    marked, negative = np.zeros(len(angles)), np.zeros(len(angles))
     side = chosen.pixels
     with BtfWriter(
         output,
@@ -359,9 +362,10 @@ def _surface(chain: Chain, angles: np.ndarray) -> tuple[Plane, dict[str, Any]]:
     """
     if chain.settings.plane == "marks":
         return Plane(), {"taken": "the plane of the marks"}
-    fit = chain.plane(angles)
-    if fit is None:
-        return Plane(), {"taken": "the plane of the marks: the views do not tell another"}
+    try:
+        fit = chain.plane(angles)
+    except SimrigError as error:
+        return Plane(), {"taken": f"the plane of the marks: no other is found ({error})"}
     if not fit.u_z_mm < _SURE_MM or fit.left_range:
         said = "; ".join(fit.doubts)
         return Plane(), {"taken": f"the plane of the marks: another is not certain ({said})"}

@@ -31,12 +31,13 @@ from simrig.rigs.imaging.effects import EFFECT_NAMES
 from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.pictures import Poses, Renderer, poses_of
 from simrig.rigs.imaging.sensor import SENSOR_EFFECTS
-from simrig.rigs.imaging.surface import FlatSurface, Surface, surface_of
+from simrig.rigs.imaging.surface import Surface, surface_of
 
 WHITE_ALBEDO = 0.95
 CALIBRATION = ("white", "dark", "chart")
 _CALIBRATION_DEG = (45.0, 0.0, 0.0, 0.0)  # 45:0, theta_i, theta_v, phi_i, phi_v
 _DARK_FRAMES = 8
+_CHART = 0.9  # of the picture's shorter side, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Camera:
 
     Attributes:
         optics: the instrument.
-        material: under it.
+        material: under it, or a ``Surface``.
         effects: that are simulated.
         seed: of all chance but the sensor's pattern.
         spp, bounces: of a tile with structure.
@@ -95,7 +96,11 @@ class Camera:
             yield int(number), frames | self._stated(poses, int(number))
 
     def _exposed(self, rate: np.ndarray, picture: int) -> dict[str, np.ndarray]:
-        exposures, seconds = self.optics.exposures(rate, self.most_frames)
+        return self._frames(rate, picture, *self.optics.exposures(rate, self.most_frames))
+
+    def _frames(
+        self, rate: np.ndarray, picture: int, exposures: np.ndarray, seconds: np.ndarray
+    ) -> dict[str, np.ndarray]:
         sensor = self.optics.sensor
         on = tuple(name for name in SENSOR_EFFECTS if name in self.effects)
         frames = [
@@ -123,44 +128,46 @@ class Camera:
             SimrigError: another name.
         """
         angles = np.radians([_CALIBRATION_DEG])
-        picture = -1 - CALIBRATION.index(name)
+        picture = (-1 - CALIBRATION.index(name)) % 2**32
         if name == "dark":
             camera = self.optics.description.camera
             assert camera.exposures_s
             seconds = np.full(_DARK_FRAMES, camera.exposures_s[1].value)
-            width, height = self.optics.sensor.pixels
-            black, sensor = np.zeros((height, width)), self.optics.sensor
-            on = tuple(effect for effect in SENSOR_EFFECTS if effect in self.effects)
-            frames = [
-                sensor.expose(black, s, picture % 2**32, frame=k, effects=on, seed=self.seed)
-                for k, s in enumerate(seconds)
-            ]
-            taken = {"frames": np.stack(frames), "exposures": seconds, "seconds": seconds}
+            black = np.zeros(self.optics.sensor.pixels[::-1])
+            taken = self._frames(black, picture, seconds, seconds)
             return taken | self._stated(self.poses(angles), 0)
-        surface: Surface = FlatSurface(Lambert((WHITE_ALBEDO,) * 3)) if name == "white" else Chart()
-        sheet = replace(self, material=None)
-        sheet.__dict__["surface"] = surface
         if name == "white":  # larger than the frame, and in front of it
-            whole = max(self.optics.sensor.pixels) * self.optics.moves.camera_mm
-            side = 1.5 * whole / self.optics.intrinsics[0, 0]
-            sheet = replace(sheet, optics=replace(self.optics, sample_mm=side, frame_mm=None))
-            sheet.__dict__["surface"] = surface
-        ((_, taken),) = sheet.take(sheet.poses(angles), np.array([0]), [picture % 2**32])
+            side = 1.5 * max(self.optics.window_mm)
+            optics = replace(self.optics, sample_mm=side, frame_mm=None)
+            sheet = replace(self, material=Lambert((WHITE_ALBEDO,) * 3), optics=optics)
+        else:
+            optics = replace(self.optics, sample_mm=self.chart_mm)
+            sheet = replace(self, material=Chart(self.chart_mm), optics=optics)
+        ((_, taken),) = sheet.take(sheet.poses(angles), np.array([0]), [picture])
         return taken
+
+    @property
+    def chart_mm(self) -> float:
+        """Side of the chart: the sample's, or what a smaller picture shows of it."""
+        return min(self.optics.sample_mm, _CHART * min(self.optics.window_mm))
 
 
 class Chart:
-    """Twenty-four diffuse patches, 6 × 4, with the albedos of a colour chart (``Surface``)."""
+    """Twenty-four diffuse patches, 6 × 4, with the albedos of a colour chart (``Surface``).
 
-    def __init__(self) -> None:
+    Args:
+        side_mm: of all together.
+    """
+
+    def __init__(self, side_mm: float) -> None:
+        self.half = 0.5 * side_mm
         self.albedos = chart_albedos()
 
     def reflected(self, view: Any, lights: np.ndarray, number: int) -> np.ndarray:
         """Return f_r times the cosine (see ``Surface``)."""
         x, y = view.points[:, 0], view.points[:, 1]
-        half = max(float(np.abs(view.points).max()), 1e-9) if len(x) else 1.0
-        column = np.clip(((x / half + 1.0) * 3.0).astype(int), 0, 5)
-        row = np.clip(((1.0 - y / half) * 2.0).astype(int), 0, 3)
+        column = np.clip(((x / self.half + 1.0) * 3.0).astype(int), 0, 5)
+        row = np.clip(((1.0 - y / self.half) * 2.0).astype(int), 0, 3)
         colour = self.albedos[row * 6 + column] / np.pi
         to_light = lights[:, None] - view.points
         cosine = to_light[..., 2:] / np.linalg.norm(to_light, axis=-1, keepdims=True)
@@ -230,6 +237,7 @@ class Recording:
                     "calibration": {
                         "angles_deg": _CALIBRATION_DEG,
                         "white_albedo": WHITE_ALBEDO,
+                        "chart_mm": camera.chart_mm,
                         "chart_albedo": chart_albedos().tolist(),
                     },
                     "seconds": seconds,

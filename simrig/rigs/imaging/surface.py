@@ -7,7 +7,7 @@ Mitsuba: the camera's rays once for a view, then a shadow ray and an evaluation 
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from simrig.mesostructure.tile import Tile
 from simrig.rigs.imaging.view import View
 
 
+@runtime_checkable
 class Surface(Protocol):
     """A sample in the sensor's frame: x, y in mm around its centre, z its normal."""
 
@@ -77,7 +78,7 @@ def surface_of(material: Any, *, spp: int, bounces: int, seed: int, steepest: fl
     """Return a material as what lies under the camera.
 
     Args:
-        material: a ``Brdf``, ``BtfStack`` or ``Tile``.
+        material: a ``Brdf``, ``BtfStack`` or ``Tile``; what is one already stays as it is.
         spp: samples per pixel of a tile; what is flat needs none.
         bounces: reflections at most between the parts of a tile.
         seed: of the samples.
@@ -86,6 +87,8 @@ def surface_of(material: Any, *, spp: int, bounces: int, seed: int, steepest: fl
     Raises:
         SimrigError: another kind of material.
     """
+    if isinstance(material, Surface):
+        return material
     if isinstance(material, Tile):
         from simrig.rigs.imaging.traced import TracedSurface
 
