@@ -6,7 +6,6 @@ that it was made for, so that studies and plots run any of them alike (``Method.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,8 +13,7 @@ from typing import Any
 
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.slices.slices import SliceBrdf
-from simrig.brdf.tables.resample import resample_dense
-from simrig.core import backend
+from simrig.brdf.tables.grid import azimuths_of
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError, check_known
@@ -31,7 +29,8 @@ from simrig.reconstruction.kriging import reconstruct_kriging
 from simrig.reconstruction.result import Reconstructed as Reconstructed
 from simrig.reconstruction.scattered.barycentric import reconstruct_barycentric
 from simrig.reconstruction.scattered.dense_bins import reconstruct_dense_bins
-from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
+from simrig.reconstruction.scattered.rbf import NEIGHBOURS
+from simrig.reconstruction.scattered.rbf_table import rbf_or_table
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
 from simrig.reconstruction.slices.along_slices import INTERPOLATIONS
 from simrig.reconstruction.slices.highlights import reconstruct_along_highlights
@@ -238,33 +237,6 @@ def _from_any(how: Callable[..., Any]) -> Callable[..., Reconstructed]:
     return make
 
 
-def _rbf(
-    neighbours: int | None,
-    logarithms: bool,
-    measurement: Measurement,
-    *,
-    step_deg: float | None = None,
-    progress: Progress | None = None,
-) -> Reconstructed:
-    made = reconstruct_rbf(measurement, neighbours, logarithms=logarithms)
-    if step_deg is None:
-        return made
-    table = resample_dense(
-        made.brdf,
-        math.radians(step_deg),
-        _azimuths(step_deg),
-        float_type=backend.types("float32").Float,
-        progress=progress,
-    )
-    return Reconstructed.of(table, *made.notes, f"tabulated every {step_deg:g}°")
-
-
-def _from_bins(
-    measurement: Measurement, *, step_deg: float | None = None, progress: Progress | None = None
-) -> Reconstructed:
-    return reconstruct_dense_bins(measurement, step_deg, progress)
-
-
 def _from_gantry(
     which: str,
     measurement: Measurement,
@@ -277,15 +249,9 @@ def _from_gantry(
         measurement,
         which,
         theta_step_deg=step_deg,
-        azimuths=_azimuths(step_deg),
+        azimuths=azimuths_of(step_deg),
         interpolation=interpolation,
     )
-
-
-def _azimuths(step_deg: float) -> int:
-    if abs(360.0 / step_deg - round(360.0 / step_deg)) > 1e-6:
-        raise SimrigError(f"--step must divide 360°, got {step_deg:g}")
-    return round(360.0 / step_deg)
 
 
 _ANY_DIRECTIONS = "barycentric"
@@ -372,7 +338,7 @@ _ALL = (
         Method(
             name,
             about,
-            partial(_rbf, neighbours, logarithms),
+            partial(rbf_or_table, neighbours=neighbours, logarithms=logarithms),
             "uniform",
             least_samples=435,
             plan_options=_ONCE,
@@ -385,7 +351,7 @@ _ALL = (
     Method(
         "dense-bins",
         "very many samples in the bins of a dense table, medians (4.3)",
-        _from_bins,
+        reconstruct_dense_bins,
         LargeSamplePlan.name,
         least_samples=841,
         any_plan=True,

@@ -30,6 +30,18 @@ def grid_sizes(theta_max: float, step_deg: float) -> tuple[int, int]:
     return round(thetas) + 1, round(azimuths)
 
 
+def azimuths_of(step_deg: float) -> int:
+    """Return how many azimuths a step in degrees gives.
+
+    Raises:
+        SimrigError: a step that does not divide the circle.
+    """
+    count = 360.0 / step_deg if step_deg > 0.0 else 0.5
+    if abs(count - round(count)) > 1e-6:
+        raise SimrigError(f"--step must divide 360°, got {step_deg:g}")
+    return round(count)
+
+
 def dense_grid(brdf: SliceBrdf, step_deg: float = 2.0, precision: str = "float32") -> Any:
     """Reconstruct the whole four-dimensional array from slices.
 

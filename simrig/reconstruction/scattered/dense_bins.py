@@ -18,6 +18,7 @@ from simrig.brdf.kriging.coordinates import EVEN, Stretch
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.protocol import evaluate
 from simrig.brdf.tables.dense import DenseTable
+from simrig.brdf.tables.grid import azimuths_of
 from simrig.brdf.tables.half_difference import HalfDifferenceTable
 from simrig.core import backend
 from simrig.core.errors import SimrigError
@@ -110,10 +111,8 @@ def _step_for(samples: int) -> float:
 
 
 def _shape(step_deg: float) -> Shape:
-    azimuths = round(360.0 / step_deg) if step_deg > 0.0 else 0
-    thetas = int(LAST_THETA_DEG / max(step_deg, 1e-9) + 1e-9) + 1
-    if abs(azimuths * step_deg - 360.0) > 1e-6:
-        raise SimrigError(f"--step must divide 360°, got {step_deg:g}")
+    azimuths = azimuths_of(step_deg)
+    thetas = int(LAST_THETA_DEG / step_deg + 1e-9) + 1
     if thetas < 2 or (thetas * azimuths) ** 2 > _LARGEST_TABLE:
         raise SimrigError(f"a step of {step_deg:g}° makes no table that can be held: change --step")
     return thetas, thetas, azimuths, azimuths
