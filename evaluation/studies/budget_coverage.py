@@ -23,7 +23,7 @@ import numpy as np
 
 from simrig.core.tables import Column, record_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
-from simrig.evaluation.studies.engine.rows import distinct, where
+from simrig.evaluation.studies.engine.rows import distinct, grouped, where
 from simrig.evaluation.uncertainty.budget import COVERAGE, Instruments, K, Spread, directions
 from simrig.evaluation.uncertainty.sources import SOURCES
 from simrig.evaluation.uncertainty.virtual import VirtualInstrument
@@ -169,11 +169,9 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _by(rows: Sequence[Row], *keys: str) -> list[dict[str, Any]]:
-    found: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        found.setdefault(tuple(row[key] for key in keys), []).append(row)
     return [
-        {**dict(zip(keys, values, strict=True)), **_coverage(own)} for values, own in found.items()
+        {**dict(zip(keys, values, strict=True)), **_coverage(own)}
+        for values, own in grouped(rows, *keys).items()
     ]
 
 

@@ -37,7 +37,7 @@ from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.pictures import PICTURE, draw_sheet, picture_row
-from simrig.evaluation.studies.engine.rows import distinct, where
+from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.files.images import to_srgb8
 from simrig.files.load import load_material
 from simrig.methods import METHODS
@@ -207,11 +207,8 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     results = [dict(row) for row in where(rows, kind="result")]
     numbers = ("hours", "delta_e", "median_relative_error_percent", "log_error_percent",
                "subspace_error_percent")  # fmt: skip
-    means = {
-        way: {key: float(np.mean([row[key] for row in where(results, way=way)])) for key in numbers}
-        for way in config["ways"]
-    }
-    return {"rows": results, "means": means, "published": PUBLISHED, "ways": list(config["ways"])}
+    by_way = {way: means(where(results, way=way), numbers) for way in config["ways"]}
+    return {"rows": results, "means": by_way, "published": PUBLISHED, "ways": list(config["ways"])}
 
 
 def table(summary: Mapping[str, Any]) -> Any:

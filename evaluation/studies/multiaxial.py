@@ -19,21 +19,21 @@ from scipy.optimize import least_squares
 
 from simrig.brdf import Brdf, Kurt, KurtLobe, Ward, kurt_material
 from simrig.brdf.multiaxial import Multiaxial
-from simrig.core.arrays import Array, components, vector
+from simrig.core.arrays import Array
 from simrig.core.cost import stopwatch
 from simrig.core.tables import text_table
-from simrig.directions.spherical import to_vector
+from simrig.directions.spherical import to_vector, turned
 from simrig.evaluation.metrics.comparison import compare_images
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.reconstruction.multiaxial import fit_multiaxial
-from simrig.rendering.render import automatic_exposure
 from simrig.viewing.plots import dot_style, drawn_panel
 
 MODELS = ("multi-axial", "Ward", "Kurt, 1 lobe", "Kurt, 2 lobes")
 _TURN = np.radians(25.0)
-_KEYS = ("delta_e", "rmse", "psnr", "ssim", "relative_error", "fit_seconds")
+_PICTURE = ("delta_e", "rmse", "psnr", "ssim")
+_KEYS = (*_PICTURE, "relative_error", "fit_seconds")
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {"materials": ["yellow_satin", "weave3"], "samples": 1500, "pixels": 32},
@@ -71,15 +71,9 @@ class Turned(Brdf):
     def look_up(self, wi: Array, wv: Array, tables: Any) -> Array:
         total: Array = 0.0
         for (brdf, angle, share), own in zip(self.parts, tables, strict=True):
-            value = brdf.look_up(_turn(wi, -angle), _turn(wv, -angle), own)
+            value = brdf.look_up(turned(wi, -angle), turned(wv, -angle), own)
             total = total + value * share
         return total
-
-
-def _turn(w: Array, angle: float) -> Array:
-    x, y, z = components(w)
-    cos, sin = float(np.cos(angle)), float(np.sin(angle))
-    return vector(cos * x - sin * y, sin * x + cos * y, z, w)
 
 
 def material(name: str) -> Turned:
@@ -99,28 +93,21 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     angles, other = (_directions(config["samples"], seed) for seed in (1, 2))
     values, expected = _values(truth, angles), _values(truth, other)
     stage = SpherePicture(truth, config["pixels"])
-    reference = stage.rendered(truth)
-    exposure = automatic_exposure(reference)
     rows = []
     for model in MODELS:
         elapsed = stopwatch()
         fitted = _FITS[model](angles, values)
         seconds = elapsed()
-        compared = compare_images(reference, stage.rendered(fitted), exposure=exposure)
+        compared = compare_images(stage.image, stage.rendered(fitted), exposure=stage.exposure)
         error = float(np.mean(np.abs(_values(fitted, other) - expected)) / expected.mean())
-        modes = len(fitted.modes) if isinstance(fitted, Multiaxial) else None
-        rows.append(
-            {
-                "model": model,
-                "modes": modes,
-                "delta_e": compared.delta_e,
-                "rmse": compared.rmse,
-                "psnr": min(compared.psnr, 99.0),
-                "ssim": compared.ssim,
-                "relative_error": error,
-                "fit_seconds": seconds,
-            }
-        )
+        row = {
+            "model": model,
+            "modes": len(fitted.modes) if isinstance(fitted, Multiaxial) else None,
+            **{key: getattr(compared, key) for key in _PICTURE},
+            "relative_error": error,
+            "fit_seconds": seconds,
+        }
+        rows.append({**row, "psnr": min(compared.psnr, 99.0)})
     return rows
 
 
@@ -234,17 +221,11 @@ def table(summary: Mapping[str, Any]) -> Any:
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw error over time of fitting."""
     path = folder / "multiaxial.png"
-    axes: dict[str, Any] = {
-        "xscale": "log",
-        "yscale": "log",
-        "xlabel": "fit [s]",
-        "ylabel": "ΔE of a sphere",
-    }
-    with drawn_panel(path, 5.6, 4.4, **axes) as panel:
+    with drawn_panel(path, 5.6, 4.4, xlabel="fit [s]", ylabel="ΔE of a sphere") as panel:
         for number, model in enumerate(MODELS):
             own = where(rows, model=model)
             x, y = ([max(row[key], 1e-3) for row in own] for key in ("fit_seconds", "delta_e"))
-            panel.plot(x, y, label=model, **dot_style(number))
+            panel.loglog(x, y, label=model, **dot_style(number))
     return [path]
 
 

@@ -25,11 +25,11 @@ from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.brdf.analytic import Lambert, Ward
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
+from simrig.core.peaks import prominences
 from simrig.core.tables import text_table
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
-from simrig.imaging.anisotropy_modes import prominences
 from simrig.rigs.imaging.sensor import Sensor
 from simrig.rigs.reflector.folded import Folded, fold, picture
 from simrig.rigs.reflector.mirror import Reflector

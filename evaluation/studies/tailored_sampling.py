@@ -21,11 +21,10 @@ from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.evaluation.studies.reflector_axes import photographed
-from simrig.plans.protocol import Plan
+from simrig.plans.protocol import Plan, largest_theta_deg
 from simrig.plans.tailored import TailoredPlan
 from simrig.plans.uniform import UniformPlan
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
-from simrig.rendering.render import automatic_exposure
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.plots import drawn_panel
 
@@ -49,37 +48,29 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     """Photograph, plan, measure and reconstruct one material."""
     truth = kurt_material(cell["material"])
     modes = photographed(truth, 0.0, "camera", 1).anisotropy.modes.found
-    axes = [float(np.degrees(mode.axis)) for mode in modes] or [0.0]
-    widths = [float(np.degrees(mode.width)) for mode in modes] or [180.0]
-    text = [",".join(f"{v:.3f}" for v in own) for own in (axes, widths)]
+    axes = [round(float(np.degrees(mode.axis)), 3) for mode in modes] or [0.0]
+    widths = [round(float(np.degrees(mode.width)), 3) for mode in modes] or [180.0]
+    theta_max = float(np.radians(largest_theta_deg(truth)))
     plans: dict[str, Plan] = {
-        "tailored": TailoredPlan.for_material(truth, config["samples"], text[0], text[1]),
+        "tailored": TailoredPlan(config["samples"], tuple(axes), tuple(widths), theta_max),
         "uniform": UniformPlan.for_material(truth, samples=config["samples"]),
     }
     stage = SpherePicture(truth, config["pixels"])
-    reference = stage.rendered(truth)
-    exposure = automatic_exposure(reference)
     rows = []
     for name, plan in plans.items():
         measured = Gonioreflectometer().measure(truth, plan)
         for logarithms in (False, True):
             brdf = reconstruct_rbf(measured, logarithms=logarithms).brdf
-            compared = compare_images(
-                reference, np.maximum(stage.looked_up(brdf), 0.0), exposure=exposure
-            )
-            rows.append(
-                {
-                    "plan": name,
-                    "logarithms": logarithms,
-                    "samples": plan.samples,
-                    "axes_deg": axes,
-                    "widths_deg": widths,
-                    "rmse": compared.rmse,
-                    "psnr": min(compared.psnr, 99.0),
-                    "delta_e": compared.delta_e,
-                    "flip": compared.flip,
-                }
-            )
+            compared = compare_images(stage.image, stage.looked_up(brdf), exposure=stage.exposure)
+            row = {
+                "plan": name,
+                "logarithms": logarithms,
+                "samples": plan.samples,
+                "axes_deg": axes,
+                "widths_deg": widths,
+                **{key: getattr(compared, key) for key in _KEYS},
+            }
+            rows.append({**row, "psnr": min(compared.psnr, 99.0)})
     return rows
 
 
@@ -129,20 +120,14 @@ def table(summary: Mapping[str, Any]) -> Any:
 def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw the errors of the tailored plan over those of the uniform one."""
     path = folder / "tailored.png"
-    axes: dict[str, Any] = {
-        "xscale": "log",
-        "yscale": "log",
-        "xlabel": "ΔE, uniform",
-        "ylabel": "ΔE, tailored",
-    }
-    with drawn_panel(path, 5.0, 4.6, **axes) as panel:
+    with drawn_panel(path, 5.0, 4.6, xlabel="ΔE, uniform", ylabel="ΔE, tailored") as panel:
         for logarithms, label in ((False, "values"), (True, "logarithms")):
             x, y = (
                 [row["delta_e"] for row in where(rows, plan=plan, logarithms=logarithms)]
                 for plan in ("uniform", "tailored")
             )
-            panel.plot(x, y, "o", label=label)
-        panel.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0)
+            panel.loglog(x, y, "o", label=label)
+        panel.axline((1.0, 1.0), (2.0, 2.0), color="0.8", zorder=0)
     return [path]
 
 

@@ -58,6 +58,11 @@ class Spread:
         low, high = np.quantile(errors, [tail, 1.0 - tail], axis=0)
         return cls(errors.mean(axis=0), np.sqrt((errors**2).mean(axis=0)), low, high)
 
+    @property
+    def variance(self) -> np.ndarray:
+        """Of the errors about their mean."""
+        return np.maximum(self.rms**2 - self.bias**2, 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Instruments:

@@ -66,7 +66,7 @@ class Levers:
         rest = self.table.total.rms**2 - sum(s.rms**2 for s in self.table.alone.values())
         total = np.zeros_like(rest)
         for name, spread in alone.items():
-            variance, bias = np.maximum(spread.rms**2 - spread.bias**2, 0.0), spread.bias**2
+            variance, bias = spread.variance, spread.bias**2
             if SOURCES[name].averages:
                 variance = variance / repeats
             if name in _BY_EXPOSURE:
@@ -173,14 +173,7 @@ def alternative_spreads(
     table: Table, instruments: Instruments, alternative: Alternative
 ) -> dict[str, Spread]:
     """Return the sources that an alternative changes, each alone, with it bought."""
-    bought = Instruments(
-        instruments.brdf,
-        instruments.description,
-        instruments.trials,
-        instruments.seed,
-        alternative.replaces,
-        instruments.exposures,
-    )
+    bought = replace(instruments, changes=alternative.replaces)
     changed = [
         name
         for name in table.alone
@@ -221,9 +214,10 @@ def halving(
     if source == "drift":
         readings = _readings(levers, instruments)
         ways.append(_way("the standard read twice as often", half, readings, 0.0))
-    centred = replace(table.alone[source], rms=_deviation(table.alone[source]))
+    own = table.alone[source]
+    centred = replace(own, rms=np.sqrt(own.variance), bias=0.0 * own.bias)
     if _halves(table, centred, source):
-        square = levers.mean_square(spreads={source: replace(centred, bias=0.0 * centred.bias)})
+        square = levers.mean_square(spreads={source: centred})
         how = "values corrected for its mean, which is known"
         ways.append(_way(how, levers.expanded(square), 0.0, 0.0))
     for one in instruments.description.alternative:
@@ -257,10 +251,6 @@ def _readings(levers: Levers, instruments: Instruments) -> float | None:
     if interval is None or hours is None:
         return None
     return hours / interval.value * levers.timing.per_sample / 3600.0
-
-
-def _deviation(spread: Spread) -> np.ndarray:
-    return np.sqrt(np.maximum(spread.rms**2 - spread.bias**2, 0.0))
 
 
 def _halves(table: Table, then: Spread, source: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -222,10 +222,8 @@ def make_budget(
     table = table_of_values(drawn, angles, group, on, progress)
     albedos = None
     if albedo:
-        fewer = max(trials // _ALBEDO_SHARE, 100)
-        albedos = table_of_albedos(
-            Instruments(material, instrument, fewer, seed, None, exposures), thetas, on
-        )
+        fewer = replace(drawn, trials=max(trials // _ALBEDO_SHARE, 100))
+        albedos = table_of_albedos(fewer, thetas, on)
     timing = GonioreflectometerTiming.of(instrument.timing)
     levers = Levers(table, timing, samples, exposure_seconds(drawn, table))
     dominant = table.dominant()

@@ -12,6 +12,7 @@ from simrig.cli import frame
 from simrig.cli.options import Material, Overwrite
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
+from simrig.core.options import numbers_of
 
 
 def budget(
@@ -63,7 +64,7 @@ def budget(
             made = budget_of(
                 material,
                 instrument=instrument,
-                thetas_deg=None if theta is None else _numbers(theta),
+                thetas_deg=None if theta is None else numbers_of(theta, "angles", float),
                 pairs=None if pairs is None else read_pairs(pairs),
                 trials=trials,
                 seed=seed,
@@ -82,10 +83,3 @@ def budget(
     data = {**made.to_dict(), "files": files}
     shown = [*tables(made), *(f"{path}" for path in files)]
     return frame.Report(data=data, shown=shown)
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise SimrigError(f"'{text}' is no list of angles: write for example 0,30,60") from None

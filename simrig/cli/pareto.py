@@ -10,6 +10,7 @@ import typer
 from simrig.cli import frame
 from simrig.cli.options import Workers
 from simrig.core.errors import SimrigError
+from simrig.core.options import numbers_of
 
 
 def pareto(
@@ -56,7 +57,7 @@ def pareto(
 
     measure = find_metric(metric)
     wished = check_wish(budget_hours, error)
-    counts = study.SAMPLES if samples is None else _numbers(samples)
+    counts = study.SAMPLES if samples is None else numbers_of(samples, "sample numbers", int)
     config = study.configuration(materials, method or (), counts, rig or (), tolerance)
     folder = output or pareto_folder(config)
     frame.on_interrupt(f"the same command goes on from the finished results in '{folder}'")
@@ -85,12 +86,3 @@ def pareto(
         last += "; --budget-hours or --error says which method to choose"
     lines = [one["line"] for one in advice]
     return frame.Report(data=data, shown=[*subject_tables(found.summary, metric), *lines, last])
-
-
-def _numbers(text: str) -> list[int]:
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError:
-        raise SimrigError(
-            f"'{text}' is no list of sample numbers: write for example 435,2000,8911"
-        ) from None

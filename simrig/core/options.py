@@ -8,12 +8,13 @@ it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from simrig.core.errors import SimrigError, unknown_name
 
+N = TypeVar("N", int, float)
 _UNITS = {"_deg": "degrees", "_mm": "mm", "_s": "seconds"}
 
 
@@ -129,3 +130,22 @@ def _not_of(chosen: Declares, name: str, others: list[Declares], what: str) -> S
         f"{what} '{chosen.name}' has no {flag}, {', '.join(having)} "
         f"{'has' if len(having) == 1 else 'have'}: leave it out or choose another {what}"
     )
+
+
+def numbers_of(text: str, what: str, kind: Callable[[str], N]) -> list[N]:
+    """Return the numbers of a text such as ``0,30,60``.
+
+    Args:
+        text: as it was given.
+        what: they are, in the plural, for the message.
+        kind: ``int`` or ``float``.
+
+    Raises:
+        SimrigError: something that is no such number.
+    """
+    try:
+        return [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise SimrigError(
+            f"'{text}' is no list of {what}: give numbers with commas between"
+        ) from None

@@ -14,6 +14,7 @@ from simrig.directions.spherical import (
     horizontal,
     to_angles,
     to_vector,
+    turned,
     wrap_angle,
     wrap_difference,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "to_meridian",
     "to_onion",
     "to_vector",
+    "turned",
     "uniform_scheme",
     "wrap_angle",
     "wrap_difference",

@@ -6,6 +6,8 @@ functions take NumPy arrays, Dr.Jit arrays and plain floats (see ``simrig.core.a
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from simrig.core.arrays import Array, components, is_numpy, namespace, vector
@@ -52,6 +54,13 @@ def to_angles(v: Array) -> tuple[Array, Array]:
     x, y, z = components(v)
     length, cos_phi, sin_phi = horizontal(x, y)
     return namespace(x).atan2(length, z), azimuth(cos_phi, sin_phi)
+
+
+def turned(v: Array, angle: float) -> Array:
+    """Return vectors turned about the normal, counter-clockwise by an angle in radians."""
+    x, y, z = components(v)
+    cos, sin = math.cos(angle), math.sin(angle)
+    return vector(cos * x - sin * y, sin * x + cos * y, z, v)
 
 
 def horizontal(x: Array, y: Array) -> tuple[Array, Array, Array]:

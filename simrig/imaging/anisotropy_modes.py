@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from simrig.core.peaks import prominences
+
 MOST = 4  # highlights
 _SIGNIFICANT = 14.0  # uncertainties: the largest of thousands of values of noise is below
 _RISE = 4.0  # standard uncertainties that a further highlight rises above its surroundings
@@ -149,26 +151,6 @@ def _refined(
     heights, fitted = solve(found.x)
     kappas = np.exp(found.x[count:])
     return np.stack([found.x[:count] % np.pi, kappas, heights[:-1]], axis=-1), fitted
-
-
-def prominences(profile: np.ndarray) -> list[tuple[int, float]]:
-    """Return places of the maxima and how far each rises above the higher valley beside it.
-
-    The valley on a side is the lowest value before the profile exceeds the peak (prominence); of
-    the highest peak both are the lowest value.
-    """
-    count = len(profile)
-    ahead, behind = np.roll(profile, -1), np.roll(profile, 1)
-    tops = np.flatnonzero((profile > behind) & (profile >= ahead))
-    peaks = []
-    for top in tops:
-        around = np.roll(profile, -top)
-        valleys = []
-        for side in (around, np.roll(around[::-1], 1)):
-            higher = np.flatnonzero(side > side[0] + 1e-15)
-            valleys.append(side[: higher[0] if len(higher) else count].min())
-        peaks.append((int(top), float(profile[top] - max(valleys))))
-    return peaks
 
 
 def _mode(

@@ -9,7 +9,7 @@ Source: thesis section 4.3.1.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -214,10 +214,6 @@ class LargeSamplePlan(Plan):
             f"{self.pictures_taken:,} pictures of a sample of {2.0 * self.radius_mm:g} mm, read "
             f"every {self.spacing_mm:g} mm: {len(self.points):,} points in each"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the plan's own fields."""
-        return asdict(self)
 
     def probe(self, most: int) -> Plan:
         """Return directions of the plan, about ``most`` of them."""

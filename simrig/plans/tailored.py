@@ -15,8 +15,9 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from simrig.core.errors import SimrigError
-from simrig.core.options import Option
-from simrig.directions.spherical import to_angles, to_vector
+from simrig.core.options import Option, numbers_of
+from simrig.directions.half_difference import from_half_difference
+from simrig.directions.spherical import to_angles
 from simrig.plans.protocol import THETA_MAX, ListedPlan, largest_theta_deg
 
 if TYPE_CHECKING:
@@ -94,11 +95,10 @@ class TailoredPlan(ListedPlan):
                 "plan 'tailored' needs --axes, the azimuths of the highlights: 'simrig reflector "
                 "analyse' finds them in a picture"
             )
-        found = _numbers("--axes", axes)
-        wide = _numbers("--widths", widths) if widths is not None else (40.0,) * len(found)
-        return cls(
-            samples, found, wide, float(np.radians(largest_theta_deg(material, theta_max_deg)))
-        )
+        found = numbers_of(axes, "axes", float)
+        wide = [40.0] * len(found) if widths is None else numbers_of(widths, "widths", float)
+        end = float(np.radians(largest_theta_deg(material, theta_max_deg)))
+        return cls(samples, tuple(found), tuple(wide), end)
 
     @property
     def samples(self) -> int:
@@ -152,23 +152,6 @@ def _from_half(u: np.ndarray, axis_deg: float, width_deg: float) -> np.ndarray:
         side = np.where(u[:, 1] < 0.5, 0.0, np.pi)  # both ends of an axis
         spread = ndtri(np.clip((2.0 * u[:, 1]) % 1.0, 1e-6, 1.0 - 1e-6))
         phi_h = np.radians(axis_deg) + side + np.radians(width_deg) / _SIGMA * spread
-    half = to_vector(theta_h, phi_h)
-    across = np.stack([-np.sin(phi_h), np.cos(phi_h), np.zeros(len(u))], axis=-1)
-    along = np.cross(across, half)
-    tilt = np.cos(phi_d)[:, None] * along + np.sin(phi_d)[:, None] * across
-    light, view = (
-        np.cos(theta_d)[:, None] * half + sign * np.sin(theta_d)[:, None] * tilt
-        for sign in (1.0, -1.0)
-    )
-    (theta_i, phi_i), (theta_v, phi_v) = to_angles(light), to_angles(view)
-    below = (light[:, 2] <= 0.0) | (view[:, 2] <= 0.0)
-    return np.stack(
-        [np.where(below, np.pi, theta_i), theta_v, phi_i % (2 * np.pi), phi_v % (2 * np.pi)], axis=1
-    )
-
-
-def _numbers(flag: str, text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise SimrigError(f"{flag} is numbers with commas between, got '{text}'") from None
+    pair = from_half_difference(theta_h, phi_h, theta_d, phi_d)
+    (theta_i, phi_i), (theta_v, phi_v) = map(to_angles, pair)
+    return np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)

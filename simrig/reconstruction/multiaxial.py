@@ -15,14 +15,12 @@ from scipy.optimize import nnls
 
 from simrig.brdf.multiaxial import ROUGHNESS, Mode, Multiaxial
 from simrig.core.errors import SimrigError
+from simrig.core.peaks import prominences
 from simrig.directions.spherical import to_vector
 
 _BINS = 90  # of the azimuth, over 180°
 _ROUNDS, _TRIAL_ROUNDS = 6, 2
-_LOW, _HIGH = (
-    np.tan(np.radians(8.0)),
-    np.tan(np.radians(40.0)),
-)  # slopes of the half vector where axes are looked for
+_LOW, _HIGH = np.tan(np.radians([8.0, 40.0]))  # slopes of half vectors where axes are looked for
 _LEAST_RISE = 0.05  # of an axis above the valleys beside it, over the profile's range
 _APART = np.radians(25.0)  # of two axes
 _NARROW, _WIDE = np.radians(8.0), np.radians(30.0)  # stencils: half widths of the axis, of a mode
@@ -170,27 +168,15 @@ def _axes(at: _Stencils, left: np.ndarray, most: int) -> list[float]:
     spectrum *= np.exp(-0.5 * (np.arange(len(spectrum)) / 6.0) ** 2)
     fine = 8 * _BINS
     smooth = np.fft.irfft(spectrum, fine) * fine / _BINS
-    ahead, behind = np.roll(smooth, -1), np.roll(smooth, 1)
-    tops = np.flatnonzero((smooth > behind) & (smooth >= ahead))
-    floor = smooth.min()
+    least = _LEAST_RISE * max(float(np.ptp(smooth)), 1e-30)
     high: list[int] = []
-    for top in tops[np.argsort(-smooth[tops])]:
+    for top, rise in sorted(prominences(smooth), key=lambda peak: -smooth[peak[0]]):
         apart = [abs((top - t + fine // 2) % fine - fine // 2) for t in high]
         near = min(apart, default=fine) < _APART / np.pi * fine
-        if len(high) < most and not near and _rise(smooth, top, floor) > _LEAST_RISE:
-            high.append(int(top))
+        if len(high) < most and not near and rise > least:
+            high.append(top)
     shift = 0.5 * np.pi / _BINS  # the first fine step is the middle of the first bin
     return [float((t / fine * np.pi + shift) % np.pi) for t in high] or [0.0]
-
-
-def _rise(smooth: np.ndarray, top: int, floor: float) -> float:
-    """Return how far a maximum stands above the higher valley beside it, over the whole range."""
-    around = np.roll(smooth, -top)
-    higher = np.flatnonzero(around > around[0])
-    if not len(higher):
-        return 1.0
-    valley = max(around[: higher[0]].min(), around[higher[-1] :].min())
-    return float((around[0] - valley) / max(smooth.max() - floor, 1e-30))
 
 
 def _turned(at: _Stencils, left: np.ndarray, values: np.ndarray, mode: Mode) -> float:
@@ -300,13 +286,5 @@ def _coloured(
     heights = np.stack(
         [nnls(shapes * weight[:, None], values[:, c] * weight)[0] for c in range(3)], axis=-1
     )
-    coloured = iter(heights[1:].tolist())
-    made: list[Mode | None] = []
-    for mode in modes:
-        if mode is None:
-            made.append(None)
-            continue
-        red, green, blue = next(coloured)
-        rest = (mode.axis, mode.m_along, mode.m_across, mode.alpha, mode.grazing)
-        made.append(Mode((red, green, blue), *rest))
-    return heights[0], made
+    colours = map(tuple, heights[1:].tolist())
+    return heights[0], [m and replace(m, colour=next(colours)) for m in modes]

@@ -27,7 +27,7 @@ def rbf_or_table(
     Args:
         measurement, neighbours, logarithms: see ``reconstruct_rbf``.
         step_deg: of all four angles of the table.
-        progress: called with the rows of the table done and in total.
+        progress: called with the pairs of polar angles done and in total.
 
     Raises:
         SimrigError: what ``reconstruct_rbf`` refuses, or a step that does not divide 360°.

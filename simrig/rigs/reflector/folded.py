@@ -18,6 +18,7 @@ import numpy as np
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
+from simrig.directions.spherical import turned
 from simrig.rigs.reflector.mirror import Reflector, follow
 
 _RINGS, _SECTORS = 120, 540  # of the mesh
@@ -151,10 +152,8 @@ def picture(folded: Folded, material: Brdf, rotation_deg: float = 0.0) -> np.nda
     """
     if not np.isfinite(rotation_deg):
         raise SimrigError(f"a rotation must be finite, got {rotation_deg}")
-    angle = np.radians(rotation_deg)
-    cos, sin = np.cos(angle), np.sin(angle)
-    back = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])  # for row vectors
-    values = material.eval(folded.towards @ back, (folded.view @ back)[folded.pixel])
+    wi, wv = (turned(w, -np.radians(rotation_deg)) for w in (folded.towards, folded.view))
+    values = material.eval(wi, wv[folded.pixel])
     if not np.all(np.isfinite(values)):
         raise SimrigError(f"'{material.name}' is not finite in some directions: no picture of it")
     radiance = values * folded.irradiance

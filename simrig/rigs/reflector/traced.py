@@ -18,6 +18,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
+from simrig.directions.spherical import turned
 from simrig.rigs.reflector.mirror import Reflector
 
 _BATCH = 1 << 20
@@ -150,13 +151,7 @@ def _batch(
         at = dr.select(active, si.p + bounced * 1e-3, at)
         weight = dr.select(active, weight * reflectance, weight)
     view = dr.normalize(mi.Point3f(on_lens.x, on_lens.y, lens.z) - place)
-    angle = np.radians(rotation_deg)
-    cos, sin = float(np.cos(angle)), float(np.sin(angle))
-
-    def turned(w: Any) -> Any:
-        return mi.Vector3f(cos * w.x + sin * w.y, cos * w.y - sin * w.x, w.z)
-
-    value = material.eval(turned(-along), turned(view))
+    value = material.eval(*(turned(w, -np.radians(rotation_deg)) for w in (-along, view)))
     column = (place.x / width + 0.5) * pixels
     row = (0.5 - place.y / width) * pixels
     landed &= (column >= 0.0) & (column < pixels) & (row >= 0.0) & (row < pixels)
