@@ -28,6 +28,35 @@ Workers = Annotated[
 ]
 
 
+def numbers(text: str, what: str, count: int | None = None, between: str = ",") -> list[float]:
+    """Return the numbers of a text.
+
+    Args:
+        text: as given.
+        what: it is, with an example, for the message.
+        count: how many; any number unless given.
+        between: stands between them, as spaces may too.
+
+    Raises:
+        SimrigError: other texts.
+    """
+    try:
+        found = [float(part) for part in text.lower().replace(between, " ").split()]
+    except ValueError:
+        found = []
+    if not found or count not in (None, len(found)):
+        raise SimrigError(f"{what}, got '{text}'")
+    return found
+
+
+def sides(text: str, what: str) -> tuple[float, float]:
+    """Return width and height, both above 0, of a text such as 64x64 (see ``numbers``)."""
+    width, height = numbers(text.replace("×", "x"), what, 2, "x")
+    if not 0.0 < min(width, height) <= max(width, height) < float("inf"):
+        raise SimrigError(f"{what}, got '{text}'")
+    return width, height
+
+
 def check_exposure(exposure: float | None) -> None:
     """Refuse an exposure that is no number above 0."""
     if exposure is not None and not 0.0 < exposure < float("inf"):

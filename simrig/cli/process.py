@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.cli.options import Overwrite
+from simrig.cli.options import Overwrite, numbers, sides
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError, check_known
 
@@ -45,7 +45,7 @@ def merge(
 
     frames = [_read(file) for file in files]
     stack: Any = frames[0] if len(frames) == 1 and frames[0].ndim == 3 else frames
-    times = _numbers(exposures, "--exposures")
+    times = numbers(exposures, "--exposures are numbers with commas between")
     eight_bits = all(f.dtype == np.uint8 for f in frames)
     clips = saturation if saturation is not None else (255.0 if eight_bits else 65535.0)
     sensor = SensorModel(gain, black, read_noise, clips)
@@ -201,7 +201,7 @@ def register(
     from simrig.imaging.marks import find_frame, frame_corners, search_frame
     from simrig.imaging.registration import Area, registered_views
 
-    width, height = _sides(frame_mm)
+    width, height = sides(frame_mm, "--frame-mm are two sizes above 0 such as 64x64")
     marks = frame_corners(width, height)
     pictures = [_grey(_read(file)) for file in files]
     given = None if corners is None else _points(corners)
@@ -272,7 +272,7 @@ def tile(
     """Cut a tile that repeats along the path of least difference, the same in all images."""
     from simrig.rigs.imaging.tiles import write_tiled
 
-    width, height = _sides(size)
+    width, height = sides(size, "--size are two numbers of texels such as 96x96")
     if width != int(width) or height != int(height):
         raise SimrigError(f"--size must be whole texels, got {size}")
     with output_file(output, overwrite), frame.progress(f"cutting {output.name}") as report:
@@ -343,27 +343,10 @@ def _grey(values: np.ndarray) -> np.ndarray:
     return np.asarray(values.mean(axis=-1) if values.ndim == 3 else values, dtype=np.float64)
 
 
-def _numbers(text: str, what: str) -> list[float]:
-    try:
-        return [float(part) for part in text.replace(",", " ").split()]
-    except ValueError as error:
-        raise SimrigError(f"{what} must be numbers with commas between, got '{text}'") from error
-
-
-def _sides(text: str) -> tuple[float, float]:
-    parts = _numbers(text.lower().replace("x", " ").replace("×", " "), "a size such as 64x64")
-    if len(parts) != 2 or not min(parts) > 0.0:
-        raise SimrigError(f"a size is two numbers above 0 such as 64x64, got '{text}'")
-    return parts[0], parts[1]
-
-
 def _points(text: str) -> np.ndarray:
     import numpy as np
 
-    parts = _numbers(text, "--corners")
-    if len(parts) != 8:
-        raise SimrigError(f"--corners are four points 'x,y x,y x,y x,y', got '{text}'")
-    return np.array(parts).reshape(4, 2)
+    return np.array(numbers(text, "--corners are four points 'x,y x,y x,y x,y'", 8)).reshape(4, 2)
 
 
 def _report(

@@ -9,6 +9,7 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.declared import Declarers, given_options
+from simrig.cli.options import sides
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
@@ -137,10 +138,11 @@ def _on_workers(
 def _size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
-    sides = text.lower().replace("×", "x").split("x")
-    if len(sides) != 2 or not all(side.isdecimal() and 0 < int(side) < 1 << 16 for side in sides):
-        raise SimrigError(f"--pixels is WIDTHxHEIGHT, such as 600x400, got '{text}'")
-    return int(sides[0]), int(sides[1])
+    what = "--pixels is WIDTHxHEIGHT, such as 600x400"
+    width, height = sides(text, what)
+    if not (width.is_integer() and height.is_integer() and max(width, height) < 1 << 16):
+        raise SimrigError(f"{what}, got '{text}'")
+    return int(width), int(height)
 
 
 def _report(output: Path, recording: Recording, chosen: Any) -> frame.Report:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.cli.options import Material, Overwrite, check_picture, write_picture
+from simrig.cli.options import Material, Overwrite, check_picture, numbers, write_picture
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
 
@@ -81,7 +81,7 @@ def analyse(
     shown = read_photograph(photograph)
     even = None if reference is None else read_photograph(reference)
     elapsed = stopwatch()
-    found = analyse_photograph(shown, mirror, even, _numbers(opening), flash_azimuth)
+    found = analyse_photograph(shown, mirror, even, _opening(opening), flash_azimuth)
     seconds = elapsed()
     if sheet is not None:
         from simrig.viewing.reflector import draw_sheet
@@ -149,13 +149,10 @@ def _mirror(instrument: str) -> Any:
     return Reflector.from_description(found)
 
 
-def _numbers(text: str | None) -> tuple[float, float, float] | None:
+def _opening(text: str | None) -> tuple[float, float, float] | None:
     if text is None:
         return None
-    try:
-        x, y, diameter = (float(part) for part in text.split(","))
-    except ValueError:
-        raise SimrigError(f"--opening is x,y,diameter in pixels, got '{text}'") from None
+    x, y, diameter = numbers(text, "--opening is x,y,diameter in pixels", 3)
     if not (diameter > 0.0 and max(abs(x), abs(y), diameter) < float("inf")):
         raise SimrigError(f"--opening must be finite, its diameter above 0, got '{text}'")
     return x, y, diameter

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.cli.options import Brdf, Format, Overwrite
+from simrig.cli.options import Brdf, Format, Overwrite, sides
 from simrig.cli.outputs import output_file, output_folder
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
@@ -69,7 +69,11 @@ def convert(
     from simrig.files.checkpoint import checkpoint_of
 
     values = PixelValues(colour or "auto", 1.0 if factor is None else factor, with_cosine)
-    size = recorded_size(source) if size_mm is None else _sides(size_mm)
+    size = (
+        recorded_size(source)
+        if size_mm is None
+        else sides(size_mm, "--size-mm is WIDTHxHEIGHT in mm such as 10x10")
+    )
     with output_file(output, overwrite):
         frame.on_interrupt(f"the same command goes on from '{checkpoint_of(output)}'")
         with frame.progress(f"reading {source.name}") as report:
@@ -178,14 +182,6 @@ def described(file: Path) -> dict[str, Any]:
         else float(np.sqrt(np.mean(error**2))),
         "provenance": dict(stack.provenance),
     }
-
-
-def _sides(text: str) -> tuple[float, float]:
-    try:
-        width, height = (float(side) for side in text.lower().split("x"))
-    except ValueError:
-        raise SimrigError(f"--size-mm is WIDTHxHEIGHT in mm such as 10x10, got '{text}'") from None
-    return width, height
 
 
 def mega(size: int) -> str:
