@@ -34,7 +34,7 @@ from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.pictures import Poses
 from simrig.rigs.imaging.processing import Settings, process_recording
 from simrig.rigs.imaging.recorder import Camera
-from simrig.rigs.imaging.request import Request, request_of
+from simrig.rigs.imaging.request import request_of
 from simrig.scenes.parts import transform
 from simrig.scenes.tile import periods_for, tile_shapes
 
@@ -182,7 +182,7 @@ def _chain(angles: np.ndarray) -> dict[str, Any]:
     request, _ = request_of(MATERIAL, description, plan, sample_mm=SAMPLE_MM, spp=SPP)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "recording"
-        recording = _with_effects(request).recording()
+        recording = replace(request, effects=EFFECTS, bounces=BOUNCES).recording()
         recorded = _both(lambda: recording.run(folder))
         settings = Settings(PIXELS, plane="marks")
         processed = _both(lambda: process_recording(folder, Path(place) / "btf.h5", settings))
@@ -207,10 +207,6 @@ def _both(work: Callable[[], Any]) -> tuple[float, float]:
     elapsed, before = stopwatch(), time.process_time()
     work()
     return elapsed(), time.process_time() - before
-
-
-def _with_effects(request: Request) -> Request:
-    return replace(request, effects=EFFECTS, bounces=BOUNCES)
 
 
 def table(results: dict[str, Any]) -> Any:

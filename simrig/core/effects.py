@@ -298,6 +298,17 @@ class Overrides:
         return None
 
 
+def in_order(kind: str, names: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names of effects in the order in which they are listed.
+
+    Raises:
+        SimrigError: one that is unknown, with the nearest known one; ``kind`` says of what.
+    """
+    for name in names:
+        check_known(kind, name, known)
+    return tuple(name for name in known if name in names)
+
+
 def decide(
     effects: Sequence[Effect],
     subject: Any,

@@ -11,7 +11,6 @@ counts for nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -338,8 +337,3 @@ def _checked(components: int, views: int) -> int:
             f"{views} views have 1 to {views - 2} components that can be kept, got {components}"
         )
     return int(components)
-
-
-def mean_of(pictures: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-    """Return the mean picture."""
-    return np.mean(np.asarray(pictures, dtype=np.float64), axis=0)

@@ -80,7 +80,7 @@ def _from_above(axes: Any, moves: Kinematics) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(-0.15, -0.1), fontsize=8)
 
 
-def _fixed(moves: Any) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def _fixed(moves: Kinematics) -> list[tuple[str, np.ndarray, np.ndarray]]:
     if not isinstance(moves, ArmKinematics):
         return [("cameras and lights", *moves.directions.T)]
     phi = np.radians(np.arange(0.0, 360.0, 2.0))
@@ -91,7 +91,7 @@ def _fixed(moves: Any) -> list[tuple[str, np.ndarray, np.ndarray]]:
     return [(name, theta.ravel(), around.ravel()) for name, theta, around in rings]
 
 
-def _from_the_side(axes: Axes, moves: Any) -> None:
+def _from_the_side(axes: Axes, moves: Kinematics) -> None:
     t = np.radians(np.linspace(0.0, 90.0, 91))
     if isinstance(moves, ArmKinematics):
         for name, bow, theta, sign in (
@@ -118,7 +118,7 @@ def _from_the_side(axes: Axes, moves: Any) -> None:
         axes.plot([-sample, sample], [0.0, 0.0], lw=5, color="black", label="sample")
     else:
         theta = moves.directions[:, 0]
-        x = theta * 0.0 + np.sin(theta) * np.cos(moves.directions[:, 1])
+        x = np.sin(theta) * np.cos(moves.directions[:, 1])
         axes.plot(moves.camera_mm * x, moves.camera_mm * np.cos(theta), "s", ms=4, label="cameras")
         axes.plot([0.0], [0.0], "_", ms=20, mew=4, color="black", label="sample")
     axes.set_aspect("equal")

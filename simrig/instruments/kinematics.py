@@ -10,7 +10,6 @@ other direction, without a search.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -51,17 +50,6 @@ class Placement:
     def reached(self) -> np.ndarray:
         """(n,) of bool."""
         return np.asarray(self.fault == REACHED)
-
-
-class Kinematics(Protocol):
-    """How an instrument reaches directions."""
-
-    @property
-    def camera_mm(self) -> float: ...
-    @property
-    def light_mm(self) -> float: ...
-    def placed(self, angles: np.ndarray) -> Placement: ...
-    def stopped(self, settings: np.ndarray) -> Placement: ...
 
 
 @dataclass(frozen=True)
@@ -157,7 +145,7 @@ class ArmKinematics:
             better |= (fault[left] == BEYOND) & (said != BEYOND)
             chosen[left[better]], fault[left[better]] = settings[better], said[better]
             left = left[said != REACHED]
-        return self._placement(angles, chosen, fault)
+        return _placement(self, angles, chosen, fault)
 
     def stopped(self, settings: np.ndarray) -> Placement:
         """Return where camera and light stand when the axes have stopped at (n, 4) settings."""
@@ -165,7 +153,7 @@ class ArmKinematics:
         over = settings[:, :2] < 0.0
         phi = np.mod(settings[:, 2:] + np.pi * over, _TURN)
         angles = np.concatenate([np.abs(settings[:, :2]), phi], axis=1)
-        return self._placement(angles, settings, self._fault(settings))
+        return _placement(self, angles, settings, self._fault(settings))
 
     def moved(self, settings: np.ndarray, errors: np.ndarray) -> np.ndarray:
         """Return settings after errors of the motors, which a coupled axis takes along, (n, 4)."""
@@ -213,16 +201,6 @@ class ArmKinematics:
                 ] = COLLIDES
         return fault
 
-    def _placement(self, angles: np.ndarray, settings: np.ndarray, fault: np.ndarray) -> Placement:
-        theta, phi = settings[:, 1], settings[:, 3]
-        x = np.stack([-np.sin(phi), np.cos(phi), np.zeros_like(phi)], axis=1)
-        z = -_direction(theta, phi)
-        pose = np.zeros((len(settings), 4, 4))
-        pose[:, :3, 0], pose[:, :3, 1], pose[:, :3, 2] = x, np.cross(z, x), z
-        pose[:, :3, 3], pose[:, 3, 3] = -self.camera.distance * z, 1.0
-        light = self.light.distance * _direction(settings[:, 0], settings[:, 2])
-        return Placement(angles, settings, pose, light, fault)
-
 
 @dataclass(frozen=True, eq=False)
 class DomeKinematics:
@@ -246,18 +224,13 @@ class DomeKinematics:
             asked = _direction(angles[:, k], angles[:, k + 2])
             apart = np.linalg.norm(asked[:, None] - known[None], axis=-1).min(axis=1)
             fault[apart > 10.0 * _TOLERANCE] = BEYOND
-        return self._arms()._placement(angles, angles, fault)
-
-    def stopped(self, settings: np.ndarray) -> Placement:
-        """Return where camera and light of (n, 4) directions stand."""
-        return self.placed(settings)
-
-    def _arms(self) -> ArmKinematics:
-        light, camera = (Bow(d, 0.0, 0.0, 0.0, False) for d in (self.light_mm, self.camera_mm))
-        return ArmKinematics(light, camera, np.zeros((4, 2)), np.eye(4), 0.0, 0.0)
+        return _placement(self, angles, angles, fault)
 
 
-def kinematics_of(description: Description) -> ArmKinematics | DomeKinematics:
+Kinematics = ArmKinematics | DomeKinematics
+
+
+def kinematics_of(description: Description) -> Kinematics:
     """Return how an instrument moves.
 
     Raises:
@@ -299,6 +272,20 @@ def kinematics_of(description: Description) -> ArmKinematics | DomeKinematics:
         f"an instrument of kind '{description.instrument.kind}' has no arms that move: "
         "gonioreflectometers, gantries and domes have"
     )
+
+
+def _placement(
+    moves: Kinematics, angles: np.ndarray, settings: np.ndarray, fault: np.ndarray
+) -> Placement:
+    """Return where camera and light stand at settings."""
+    phi = settings[:, 3]
+    x = np.stack([-np.sin(phi), np.cos(phi), np.zeros_like(phi)], axis=1)
+    z = -_direction(settings[:, 1], phi)
+    pose = np.zeros((len(settings), 4, 4))
+    pose[:, :3, 0], pose[:, :3, 1], pose[:, :3, 2] = x, np.cross(z, x), z
+    pose[:, :3, 3], pose[:, 3, 3] = -moves.camera_mm * z, 1.0
+    light = moves.light_mm * _direction(settings[:, 0], settings[:, 2])
+    return Placement(angles, settings, pose, light, fault)
 
 
 def _direction(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:

@@ -36,7 +36,7 @@ from simrig.evaluation.studies.registration.photographs import (
     view_directions,
 )
 from simrig.evaluation.studies.registration.surfaces import SURFACES
-from simrig.imaging.alignment import Plane, mean_of, pca_error, sharpness
+from simrig.imaging.alignment import Plane, pca_error, sharpness
 from simrig.imaging.camera import Camera, calibrate, from_pose
 from simrig.imaging.marks import expected_frame, find_frame, frame_corners
 from simrig.imaging.plane import PlaneFit, fit_plane, search_plane
@@ -157,7 +157,7 @@ def _before_and_after(
         )
         kept = min(_COMPONENTS, len(shown) - 2)
         made[f"pca_error_{when}"] = pca_error(shown / shown.mean(axis=(1, 2), keepdims=True), kept)
-        made[f"sharpness_{when}"] = sharpness(mean_of(shown))
+        made[f"sharpness_{when}"] = sharpness(shown.mean(axis=0, dtype=np.float64))
     return made
 
 

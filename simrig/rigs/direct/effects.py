@@ -17,7 +17,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Bound, EffectPlan, Overrides, Tolerance, decide
-from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.errors import SimrigError
 from simrig.instruments.instrument import Instrument
 from simrig.rigs.direct import recording
 from simrig.rigs.tolerances import largest_change
@@ -222,18 +222,6 @@ RIG_EFFECTS: tuple[RigEffect, ...] = (
     RigEffect("noise", "photon and read-out noise", _noise),
 )
 RIG_EFFECT_NAMES: tuple[str, ...] = tuple(effect.name for effect in RIG_EFFECTS)
-
-
-def check_effects(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names of rig effects in the order in which they are listed.
-
-    Raises:
-        SimrigError: an unknown name.
-    """
-    for name in names:
-        if name not in RIG_EFFECT_NAMES:
-            raise unknown_name("rig effect", name, RIG_EFFECT_NAMES)
-    return tuple(name for name in RIG_EFFECT_NAMES if name in names)
 
 
 def plan_directions(

@@ -10,7 +10,7 @@ import numpy as np
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
-from simrig.core.effects import EffectPlan, Overrides, Tolerance
+from simrig.core.effects import EffectPlan, Overrides, Tolerance, in_order
 from simrig.core.errors import SimrigError
 from simrig.core.gamut import KEEP
 from simrig.core.options import Option
@@ -19,7 +19,7 @@ from simrig.instruments.instrument import AXES, Instrument, utia
 from simrig.plans.adaptive import sample_adaptively
 from simrig.plans.along_slices import SlicePlan, layout_of
 from simrig.plans.protocol import Plan, Recorded
-from simrig.rigs.direct.effects import RIG_EFFECT_NAMES, check_effects, plan_directions
+from simrig.rigs.direct.effects import RIG_EFFECT_NAMES, plan_directions
 from simrig.rigs.direct.recording import at, record, recorded_uncertainty
 from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.protocol import REACH_TOLERANCE, Rig
@@ -68,7 +68,7 @@ class Gonioreflectometer(Rig):
     effect_plan: EffectPlan | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", check_effects(self.effects))
+        object.__setattr__(self, "effects", in_order("rig effect", self.effects, RIG_EFFECT_NAMES))
 
     @classmethod
     def from_description(  # type: ignore[override]
@@ -114,7 +114,7 @@ class Gonioreflectometer(Rig):
         self._check_reach(angles)
         uncertainty = None
         if self.effects:
-            _check_sensor(material)
+            check_sensor(material)
             values = record(material, angles, self.instrument, self.effects)
             uncertainty = recorded_uncertainty(values, angles, self.instrument, self.effects)
         else:
@@ -124,7 +124,7 @@ class Gonioreflectometer(Rig):
         if np.any(bad):
             raise SimrigError(
                 f"'{material.name}' is negative or not finite at theta_i, theta_v, phi_i, "
-                f"phi_v = {_in_degrees(angles[bad][0])}: repair the material's data"
+                f"phi_v = {in_degrees(angles[bad][0])}: repair the material's data"
             )
         return Recorded(values, uncertainty)
 
@@ -135,7 +135,7 @@ class Gonioreflectometer(Rig):
             reach = ", ".join(f"{name} {low:g} to {high:g}°" for name, (low, high) in ranges)
             raise SimrigError(
                 f"the instrument '{self.instrument.name}' does not reach theta_i, theta_v, phi_i, "
-                f"phi_v = {_in_degrees(angles[beyond][0])}; it reaches {reach}: lower theta_max "
+                f"phi_v = {in_degrees(angles[beyond][0])}; it reaches {reach}: lower theta_max "
                 "or choose other directions"
             )
 
@@ -151,7 +151,7 @@ class Gonioreflectometer(Rig):
         Adaptive plans look where f_r changes, which is also where effects change it most. So the
         bounds are computed at the directions that a measurement without effects takes.
         """
-        _check_sensor(material)
+        check_sensor(material)
         ideal = replace(self, effects=(), effect_plan=None)
         found = ideal.measure(material, plan.probe(_MOST_PROBED))
         chosen = plan_directions(
@@ -208,13 +208,16 @@ class Gonioreflectometer(Rig):
         ]
 
 
-def _check_sensor(material: Brdf) -> None:
+def check_sensor(material: Brdf) -> None:
+    """Refuse colours outside sRGB: a sensor has no negative exposures."""
     if material.gamut == KEEP:
         raise SimrigError(
             f"'{material.name}' keeps colours outside sRGB, whose channels are negative, and a "
-            "sensor has no negative exposures: measure it with an ideal rig, or with gamut 'clip'"
+            "sensor has no negative exposures: measure it with gamut 'clip', or with an ideal rig "
+            "at level 'direct'"
         )
 
 
-def _in_degrees(angles: np.ndarray) -> str:
+def in_degrees(angles: np.ndarray) -> str:
+    """Return angles in radians as people read them."""
     return ", ".join(f"{angle:.2f}°" for angle in np.degrees(angles))

@@ -16,7 +16,6 @@ import numpy as np
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Bound, EffectPlan, Overrides, Tolerance, decide
-from simrig.core.errors import check_known
 from simrig.instruments.instrument import Instrument
 from simrig.rigs.direct import recording
 from simrig.rigs.direct.effects import RIG_EFFECTS, Deviation, RigEffect, RigSubject
@@ -248,17 +247,6 @@ _ROWS: tuple[_Row, ...] = (
 _NODES = {"light-size": 16, "aperture-size": 16}
 EFFECTS = tuple(PictureEffect(*row, nodes=_NODES.get(row[0], 1)) for row in _ROWS)
 EFFECT_NAMES: tuple[str, ...] = tuple(effect.name for effect in EFFECTS)
-
-
-def check_effects(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names of effects in the order in which they are listed.
-
-    Raises:
-        SimrigError: an unknown name.
-    """
-    for name in names:
-        check_known("effect of a camera", name, EFFECT_NAMES)
-    return tuple(name for name in EFFECT_NAMES if name in names)
 
 
 def plan_pictures(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from simrig.core.effects import EffectPlan, Overrides, Tolerance, parse_tolerance
+from simrig.core.effects import EffectPlan, Overrides, Tolerance, in_order, parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.files import hdf5
 from simrig.files.btf.hdf5 import CONTENT as BTF
@@ -22,7 +22,7 @@ from simrig.instruments.description import Description, GonioreflectometerDescri
 from simrig.mesostructure import PRESETS, Tile, build_tile
 from simrig.plans.protocol import ListedPlan, Plan
 from simrig.rigs.btf.rig import view_order
-from simrig.rigs.imaging.effects import check_effects, plan_pictures
+from simrig.rigs.imaging.effects import EFFECT_NAMES, plan_pictures
 from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.recorder import Camera, Recording
 
@@ -74,7 +74,7 @@ class Request:
         camera = Camera(
             self.optics(),
             material_of(self.material, self.seed),
-            check_effects(tuple(self.effects)),
+            in_order("effect of a camera", self.effects, EFFECT_NAMES),
             self.seed,
             self.spp,
             self.bounces,

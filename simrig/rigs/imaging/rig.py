@@ -8,15 +8,20 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from simrig.brdf.protocol import Brdf
-from simrig.core.effects import EffectPlan, Overrides, Tolerance
+from simrig.core.effects import EffectPlan, Overrides, Tolerance, in_order
 from simrig.core.errors import SimrigError
-from simrig.core.gamut import KEEP
 from simrig.core.options import Option
 from simrig.instruments.description import GonioreflectometerDescription
+from simrig.instruments.kinematics import OCCLUDED
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.protocol import Plan, Recorded
-from simrig.rigs.direct.gonioreflectometer import LEVEL, Gonioreflectometer
-from simrig.rigs.imaging.effects import EFFECT_NAMES, check_effects, plan_pictures
+from simrig.rigs.direct.gonioreflectometer import (
+    LEVEL,
+    Gonioreflectometer,
+    check_sensor,
+    in_degrees,
+)
+from simrig.rigs.imaging.effects import EFFECT_NAMES, plan_pictures
 from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.recorder import Camera, picture_numbers
 from simrig.rigs.imaging.values import Spot, value_of
@@ -67,7 +72,9 @@ class ImagingRig(Rig):
     effect_plan: EffectPlan | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", check_effects(self.effects))
+        object.__setattr__(
+            self, "effects", in_order("effect of a camera", self.effects, EFFECT_NAMES)
+        )
 
     @classmethod
     def from_description(  # type: ignore[override]
@@ -106,7 +113,7 @@ class ImagingRig(Rig):
     def reaches(self, angles: np.ndarray) -> np.ndarray:
         """Return which of (n, 4) directions in radians it reaches and sees, (n,) of bool."""
         placed = self.optics.moves.placed(angles)
-        return placed.reached | (self.transparent & (placed.fault == "hidden by an arm"))
+        return placed.reached | (self.transparent & (placed.fault == OCCLUDED))
 
     def seconds(self, plan: Plan, angles: np.ndarray) -> float:
         """Return how long the hardware takes for directions of a plan, in seconds."""
@@ -114,7 +121,7 @@ class ImagingRig(Rig):
 
     def record(self, material: Brdf, angles: np.ndarray) -> Recorded:
         """Return what pictures at directions give (see ``Rig.record``)."""
-        _check_sensor(material)
+        check_sensor(material)
         angles = np.asarray(angles, dtype=np.float64)
         self._check_reach(angles)
         camera = Camera(
@@ -135,7 +142,7 @@ class ImagingRig(Rig):
         if np.any(dark):
             raise SimrigError(
                 f"'{material.name}' saturates the shortest exposure at theta_i, theta_v, phi_i, "
-                f"phi_v = {_in_degrees(angles[dark][0])}: raise saturation_per_sr, or leave the "
+                f"phi_v = {in_degrees(angles[dark][0])}: raise saturation_per_sr, or leave the "
                 "direction out"
             )
         noisy = {"photon-noise", "dark-noise"} & set(self.effects)
@@ -146,11 +153,11 @@ class ImagingRig(Rig):
         if np.any(missed):
             why = str(self.optics.moves.placed(angles[missed][:1]).fault[0])
             hint = "lower theta_max or choose other directions"
-            if why == "hidden by an arm":
+            if why == OCCLUDED:
                 hint = "choose other directions, or --transparent to see through the arms"
             raise SimrigError(
                 f"the instrument '{self.optics.description.instrument.name}' does not see theta_i, "
-                f"theta_v, phi_i, phi_v = {_in_degrees(angles[missed][0])}: {why}; {hint}"
+                f"theta_v, phi_i, phi_v = {in_degrees(angles[missed][0])}: {why}; {hint}"
             )
 
     def planned(
@@ -160,7 +167,7 @@ class ImagingRig(Rig):
 
         Where it looks is found with the direct level, which looks at the same directions.
         """
-        _check_sensor(material)
+        check_sensor(material)
         found = Gonioreflectometer().measure(material, plan.probe(_MOST_PROBED))
         chosen = plan_pictures(
             material,
@@ -187,15 +194,3 @@ class ImagingRig(Rig):
     def instrument_facts(self) -> dict[str, Any]:
         """Return the instrument's numbers as plain values."""
         return {"name": self.optics.description.instrument.name, **self.optics.facts()}
-
-
-def _check_sensor(material: Brdf) -> None:
-    if material.gamut == KEEP:
-        raise SimrigError(
-            f"'{material.name}' keeps colours outside sRGB, whose channels are negative, and a "
-            "sensor has no negative exposures: measure it with gamut 'clip'"
-        )
-
-
-def _in_degrees(angles: np.ndarray) -> str:
-    return ", ".join(f"{angle:.2f}°" for angle in np.degrees(angles))

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from simrig.core.counter_rng import hashed
-from simrig.core.errors import SimrigError
+from simrig.core.errors import SimrigError, check_known
+from simrig.imaging.mosaic import PATTERNS, channels_of
 
-CFA_NAMES = ("RGGB", "BGGR", "GRBG", "GBRG")
 SENSOR_EFFECTS = ("photon-noise", "dark-noise", "dark-current", "fixed-pattern", "defects",
                   "quantisation")  # fmt: skip
 _PATTERN, _CHANCE = 11, 12  # streams
@@ -40,7 +40,7 @@ class Sensor:
         DSNU_e, PRNU_pct: standard deviation over the pixels of the dark signal in electrons, and
             of the response in per cent.
         defects: share of the pixels that see nothing (one half) or are always full.
-        cfa: colour filter array, its first two rows from the left (``CFA_NAMES``); None is a
+        cfa: colour filter array, its first two rows from the left (``PATTERNS``); None is a
             monochrome sensor.
         seed: of what is fixed in the sensor, its pattern and defects.
 
@@ -67,10 +67,8 @@ class Sensor:
             raise SimrigError(
                 f"a sensor has 1 to {_LARGEST_SIDE} pixels a side, got {list(self.pixels)}"
             )
-        if self.cfa is not None and self.cfa not in CFA_NAMES:
-            raise SimrigError(
-                f"unknown colour filter array '{self.cfa}': known: {', '.join(CFA_NAMES)}"
-            )
+        if self.cfa is not None:
+            check_known("colour filter array", self.cfa, PATTERNS)
         for field in fields(self)[1:10]:
             value = getattr(self, field.name)
             if not 0.0 <= value < float("inf"):
@@ -112,8 +110,7 @@ class Sensor:
         if self.cfa is None:
             raise SimrigError("a sensor without colour filter array has no channels")
         width, height = self.pixels
-        four = np.array(["RGB".index(letter) for letter in self.cfa]).reshape(2, 2)
-        return np.tile(four, (height // 2 + 1, width // 2 + 1))[:height, :width]
+        return channels_of(self.cfa, (height, width))
 
     def mosaic(self, rgb: np.ndarray) -> np.ndarray:
         """Return what of a colour picture (height, width, 3) each pixel sees, (height, width).

@@ -22,7 +22,6 @@ from simrig.rigs.imaging.view import View
 dr: Any = drjit
 mi: Any = mitsuba
 
-_LANES = 1 << 22
 _GOLDEN = 0.6180339887498949
 
 
