@@ -28,13 +28,13 @@ Workers = Annotated[
 ]
 
 
-def numbers(text: str, what: str, count: int | None = None, between: str = ",") -> list[float]:
-    """Return the numbers of a text.
+def numbers(text: str, what: str, count: int, between: str = ",") -> list[float]:
+    """Return so many numbers of a text (``core.options.numbers_of`` takes any number).
 
     Args:
         text: as given.
         what: it is, with an example, for the message.
-        count: how many; any number unless given.
+        count: how many.
         between: stands between them, as spaces may too.
 
     Raises:
@@ -44,7 +44,7 @@ def numbers(text: str, what: str, count: int | None = None, between: str = ",") 
         found = [float(part) for part in text.lower().replace(between, " ").split()]
     except ValueError:
         found = []
-    if not found or count not in (None, len(found)):
+    if len(found) != count:
         raise SimrigError(f"{what}, got '{text}'")
     return found
 

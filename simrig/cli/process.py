@@ -12,6 +12,7 @@ from simrig.cli import frame
 from simrig.cli.options import Overwrite, numbers, sides
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.options import numbers_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +46,7 @@ def merge(
 
     frames = [_read(file) for file in files]
     stack: Any = frames[0] if len(frames) == 1 and frames[0].ndim == 3 else frames
-    times = numbers(exposures, "--exposures are numbers with commas between")
+    times = numbers_of(exposures, "exposure times", float)
     eight_bits = all(f.dtype == np.uint8 for f in frames)
     clips = saturation if saturation is not None else (255.0 if eight_bits else 65535.0)
     sensor = SensorModel(gain, black, read_noise, clips)
