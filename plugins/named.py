@@ -120,8 +120,8 @@ def simrig_multiaxial(props: Any) -> Brdf:
         if f"{name}_{number}" in props
     ]
     if stray:
-        number = stray[0].rpartition("_")[2]
-        raise SimrigError(f"'{stray[0]}' belongs to a mode that needs 'strength_{number}'")
+        missing = f"strength_{len(modes) + 1}"
+        raise SimrigError(f"'{stray[0]}' needs '{missing}': every mode has a strength, 2, 3, …")
     return Multiaxial(_colour(props, "k_d", 0.1), tuple(modes), name="simrig_multiaxial")
 
 

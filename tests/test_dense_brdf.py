@@ -39,6 +39,11 @@ def test_the_numbers_of_the_thesis() -> None:
     )
 
 
+def test_a_rig_of_one_value_for_each_picture_refuses_the_plan() -> None:
+    rig = make_rig("imaging", transparent=True)
+    refused("reads many in each", rig.measure, Lambert(), SMALL)
+
+
 def test_fewer_samples_are_fewer_pictures_of_fewer_points() -> None:
     found = [LargeSamplePlan.for_material(samples=n) for n in (841, 8911, 10_418_625)]
     assert [plan.pictures_taken for plan in found] == [841, 841, 8505]

@@ -26,6 +26,15 @@ def test_samples_lie_along_the_axis() -> None:
     assert np.array_equal(angles, plan.angles())
 
 
+@pytest.mark.parametrize("theta_max_deg", [1e-12, 1e-3, 1.0, 20.0, 89.9])
+def test_a_low_end_leaves_samples_of_every_kind(theta_max_deg: float) -> None:
+    """Half vectors far below that end would never give a pair."""
+    end = np.radians(theta_max_deg)
+    angles = TailoredPlan(200, (0.0, 90.0), (20.0, 180.0), end).angles()
+    assert angles.shape == (200, 4) and angles[:, :2].max() <= end
+    assert angles[150:, :2].max() > 0.5 * end
+
+
 def test_stored_and_restored(tmp_path) -> None:
     material = kurt_material("fabric112")
     plan = make_plan("tailored", material, samples=60, axes="0,90", widths="30,60")

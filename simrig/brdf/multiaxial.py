@@ -86,11 +86,11 @@ class Mode:
             )
         checked_number("strength", strength, 0.0, 1e30)
         half = np.log(2.0)
-        along = np.tan(np.radians(length_deg)) / np.sqrt(half)
-        sine = np.sin(0.5 * np.radians(width_deg))
+        low, high = ROUGHNESS
+        along = max(np.tan(np.radians(length_deg)) / np.sqrt(half), low)
+        sine = max(np.sin(0.5 * np.radians(width_deg)), 0.1 * low)
         across = (along**-2.0 + half / (_WIDTH_AT * sine) ** 2) ** -0.5
         red, green, blue = (float(strength * c) for c in colour)
-        low, high = ROUGHNESS
         return cls(
             (red, green, blue),
             float(np.radians(axis_deg)),

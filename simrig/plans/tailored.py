@@ -133,7 +133,7 @@ class TailoredPlan(ListedPlan):
         sequence = qmc.Halton(4, rng=stream)
         while len(kept) < number:
             u = sequence.random(4 * number + 64)
-            pairs = self._even(u) if about is None else _from_half(u, *about)
+            pairs = self._even(u) if about is None else self._from_half(u, *about)
             kept = np.concatenate([kept, pairs[(pairs[:, :2] <= self.theta_max).all(axis=1)]])
         return kept[:number]
 
@@ -141,17 +141,18 @@ class TailoredPlan(ListedPlan):
         thetas = np.arccos(1.0 - u[:, :2] * (1.0 - np.cos(self.theta_max)))
         return np.concatenate([thetas, 2.0 * np.pi * u[:, 2:]], axis=1)
 
-
-def _from_half(u: np.ndarray, axis_deg: float, width_deg: float) -> np.ndarray:
-    """Return pairs whose half vectors lie near the normal (width 0), or along an axis."""
-    theta_d, phi_d = 0.5 * np.pi * np.sqrt(u[:, 2]), 2.0 * np.pi * u[:, 3]
-    if width_deg == 0.0:
-        theta_h, phi_h = np.arctan(_SPECULAR_SLOPE * np.sqrt(u[:, 0])), 2.0 * np.pi * u[:, 1]
-    else:
-        theta_h = _LARGEST_H * u[:, 0]
-        side = np.where(u[:, 1] < 0.5, 0.0, np.pi)  # both ends of an axis
-        spread = ndtri(np.clip((2.0 * u[:, 1]) % 1.0, 1e-6, 1.0 - 1e-6))
-        phi_h = np.radians(axis_deg) + side + np.radians(width_deg) / _SIGMA * spread
-    pair = from_half_difference(theta_h, phi_h, theta_d, phi_d)
-    (theta_i, phi_i), (theta_v, phi_v) = map(to_angles, pair)
-    return np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)
+    def _from_half(self, u: np.ndarray, axis_deg: float, width_deg: float) -> np.ndarray:
+        """Return pairs whose half vectors lie near the normal (width 0), or along an axis."""
+        scale = min(self.theta_max / _LARGEST_H, 1.0)  # of angles: below a low end all are smaller
+        theta_d, phi_d = scale * 0.5 * np.pi * np.sqrt(u[:, 2]), 2.0 * np.pi * u[:, 3]
+        if width_deg == 0.0:
+            theta_h = np.arctan(scale * _SPECULAR_SLOPE * np.sqrt(u[:, 0]))
+            phi_h = 2.0 * np.pi * u[:, 1]
+        else:
+            theta_h = scale * _LARGEST_H * u[:, 0]
+            side = np.where(u[:, 1] < 0.5, 0.0, np.pi)  # both ends of an axis
+            spread = ndtri(np.clip((2.0 * u[:, 1]) % 1.0, 1e-6, 1.0 - 1e-6))
+            phi_h = np.radians(axis_deg) + side + np.radians(width_deg) / _SIGMA * spread
+        pair = from_half_difference(theta_h, phi_h, theta_d, phi_d)
+        (theta_i, phi_i), (theta_v, phi_v) = map(to_angles, pair)
+        return np.stack([theta_i, theta_v, phi_i, phi_v], axis=1)

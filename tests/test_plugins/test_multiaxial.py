@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simrig.brdf import Kurt, KurtLobe, evaluate, kurt_material
-from simrig.brdf.multiaxial import Mode, Multiaxial
+from simrig.brdf.multiaxial import ROUGHNESS, Mode, Multiaxial
 from simrig.core.errors import SimrigError
 from simrig.directions import to_vector
 from simrig.files.hdf5 import read_brdf, write_brdf
@@ -137,5 +137,12 @@ def test_plugin_by_name_and_its_derivative(variant_llvm) -> None:
         for s in (step, -step)
     )  # fmt: skip
     assert slope == pytest.approx((there - here) / (2.0 * step), rel=1e-2)
-    with pytest.raises(RuntimeError, match="needs 'strength_2'"):
-        mi.load_dict({"type": "simrig_multiaxial", "axis_2": 3.0})
+    for stray in ("axis_2", "strength_3"):
+        with pytest.raises(RuntimeError, match=f"'{stray}' needs 'strength_2'"):
+            mi.load_dict({"type": "simrig_multiaxial", stray: 3.0})
+
+
+def test_the_narrowest_modes_are_as_narrow_as_any_can_be() -> None:
+    thin, short = Mode.of(0.0, 1e-300, 35.0, 0.1), Mode.of(0.0, 40.0, 1e-300, 0.1)
+    assert (thin.m_across, thin.m_along) == (ROUGHNESS[0], pytest.approx(0.841, abs=1e-3))
+    assert short.m_along == short.m_across == ROUGHNESS[0]

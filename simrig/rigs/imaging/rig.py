@@ -110,6 +110,15 @@ class ImagingRig(Rig):
         """How long the hardware takes."""
         return GonioreflectometerTiming.of(self.optics.description.timing)
 
+    def check(self, material: Any, plan: Plan) -> None:
+        """Raise SimrigError where a plan cannot be measured (see ``Rig.check``)."""
+        super().check(material, plan)
+        if plan.shots(plan.samples) != plan.samples:
+            raise SimrigError(
+                f"rig '{self.name}' takes one value from a picture, plan '{plan.name}' reads many "
+                "in each: choose another plan, or rig 'utia-large'"
+            )
+
     def reaches(self, angles: np.ndarray) -> np.ndarray:
         """Return which of (n, 4) directions in radians it reaches and sees, (n,) of bool."""
         placed = self.optics.moves.placed(angles)
