@@ -215,7 +215,8 @@ def make_budget(
         thetas = _thetas(material, instrument, thetas_deg)
         angles, group = directions(thetas, AZIMUTHS)
     else:
-        angles, (thetas, group) = pairs, _grouped(pairs)
+        angles = np.asarray(pairs, dtype=np.float64)
+        thetas, group = _grouped(angles)
     check_angles(angles, material, instrument)
     check_trials(trials, len(angles))
     drawn = Instruments(material, instrument, trials, seed, None, exposures)

@@ -158,7 +158,7 @@ def analyse(
         even, known = even.mean(axis=-1), known & lit
         scale = np.divide(even, system.total, out=np.zeros_like(even), where=system.total > 0.0)
         level = np.median(scale[system.blocks])
-        known &= scale > 0.05 * level
+        known &= scale > 0.05 * max(level, 0.0)
         blocked = blocked * np.where(known, level / np.where(known, scale, 1.0), 0.0)[:, None]
     used = known[system.blocks]
     if used.sum() < 0.5 * len(used):
