@@ -13,12 +13,14 @@ from collections.abc import Callable
 from simrig.core.effects import Tolerance
 from simrig.planning.indirect import PATHS
 from simrig.planning.integrators import UNLIMITED
+from simrig.planning.noise import IN_A_PIXEL
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
 
 MOST_SECONDS = 200.0  # that a picture takes when nothing is said of its time
-_SHARE = 0.02  # of the samples of the picture, in one look
-MORE_SAMPLES = (256, 1024)  # of each looked-at pixel, where orders are not told apart
+_SHARE = 0.02  # of the samples of the picture, in one look;
+_SHARE_IN_A_PIXEL = 1.0  # where these are cheap: what a look does not resolve it cannot foretell
+MORE_SAMPLES = (64, 256, 1024)  # of each looked-at pixel, where orders are not told apart
 
 
 def size_looks(subject: SceneSubject, noise: Tolerance) -> None:
@@ -53,14 +55,15 @@ def looked_closer(
         noise: that the samples of the picture may leave.
         look: looks again, with some samples of each pixel.
     """
+    share = _SHARE_IN_A_PIXEL if sampled.dimensions == IN_A_PIXEL else _SHARE
     for more in MORE_SAMPLES:
         pixels, looked = sampled.radiance.shape[:2]
-        if more > looked and more * pixels <= _worth(sampled, noise):
+        if more > looked and more * pixels <= _worth(sampled, noise, share):
             sampled = look(more)
     return sampled
 
 
-def _worth(sampled: SampledSubject, noise: Tolerance) -> int:
+def _worth(sampled: SampledSubject, noise: Tolerance, share: float = _SHARE) -> int:
     """Return the samples of a look that a picture is worth."""
     seconds = sampled.subject.budget_seconds
     if seconds is None:
@@ -68,4 +71,4 @@ def _worth(sampled: SampledSubject, noise: Tolerance) -> int:
         spp = min(needed, sampled.samples_within(MOST_SECONDS))
     else:
         spp = sampled.samples_within(seconds)
-    return int(_SHARE * spp * sampled.subject.pixels)
+    return int(share * spp * sampled.subject.pixels)

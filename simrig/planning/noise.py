@@ -179,11 +179,15 @@ class SamplingNoise:
         return float(within * max(together / group, 1.0) ** (-0.5 / self.dimensions))
 
     def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the means of all samples of each pixel but ``spp``, and how far those are off."""
-        first = trial * spp % (self._count - spp + 1)
+        """Return the means of all samples of each pixel but ``spp``, and how far those are off.
+
+        The means of the others are noisy as well: the difference is too large by that.
+        """
+        left = self._count - spp
+        first = trial * spp % (left + 1)
         few = self._mixed[:, first : first + spp].sum(axis=1)
-        others = np.maximum(self._sum - few, 0.0) / (self._count - spp)
-        return others, few / spp - others
+        others = np.maximum(self._sum - few, 0.0) / left
+        return others, math.sqrt(left / self._count) * (few / spp - others)
 
     def _shaken(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the means and the error that ``spp`` samples would have."""

@@ -337,12 +337,11 @@ def _sampled(
     seconds = seen.seconds_per_sample + tested
     dimensions = IN_A_PIXEL if known else ALONG_PATHS
     found = SampledSubject(subject, seen.radiance, seconds, dimensions=dimensions)
-    if known:
-        return found
 
     def look(samples: int) -> SampledSubject:
         seen = probe(subject.view, integrator, samples)
-        return SampledSubject(subject, seen.radiance, seen.seconds_per_sample)
+        seconds = seen.seconds_per_sample
+        return SampledSubject(subject, seen.radiance, seconds, dimensions=dimensions)
 
     return looked_closer(found, noise, look)
 

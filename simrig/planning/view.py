@@ -93,12 +93,19 @@ class View:
         return np.stack([index % self.size[0], index // self.size[0]], axis=-1)
 
     def _hit(self, pixels: np.ndarray) -> np.ndarray:
-        """Return which pixels see a surface along one of a few rays."""
+        """Return which pixels see a surface along one of a few rays.
+
+        Four go through the corners of a footprint, which random ones seldom come near: there a
+        silhouette enters.
+        """
         count = len(pixels) * _TRIES
         drawn = _sampler(_TRIES, SEED + 7, count)
         index = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, _TRIES)
         corner = [dr.gather(mi.Float, rays.on_device(axis), index) for axis in pixels.T]
-        found, _ = self._through(corner, drawn, count)
+        number = dr.arange(mi.UInt32, count) % dr.opaque(mi.UInt32, _TRIES)
+        corners = mi.Point2f(mi.Float(number & 1), mi.Float((number >> 1) & 1))
+        inside = dr.select(number < 4, corners, drawn.next_2d())
+        found, _ = self._through(corner, drawn, count, inside)
         met = np.array(self.scene.ray_test(found) & dr.full(mi.Bool, True, count))
         return np.asarray(met.reshape(len(pixels), _TRIES).any(axis=1))
 
@@ -206,9 +213,18 @@ class View:
         value, _, _ = integrator.sample(self.scene, drawn, found)
         return np.broadcast_to(rays.rows(rays.to_rgb(value * weight, found)), (count, 3))
 
-    def _through(self, corner: list[Any], drawn: Any, count: int) -> tuple[Any, Any]:
-        """Return rays through pixels, spread as the filter weighs them, and their weights."""
-        inside = drawn.next_2d()
+    def _through(
+        self, corner: list[Any], drawn: Any, count: int, inside: Any = None
+    ) -> tuple[Any, Any]:
+        """Return rays through pixels, spread as the filter weighs them, and their weights.
+
+        Args:
+            corner: columns and rows.
+            drawn: the sampler.
+            count: of rays.
+            inside: numbers in [0, 1] that tell where in a footprint; drawn by default.
+        """
+        inside = drawn.next_2d() if inside is None else inside
         place = mi.Point2f(corner[0] + self._offset(inside.x), corner[1] + self._offset(inside.y))
         place = dr.clip(place / mi.Point2f(*self.size), 0.0, 1.0 - 1e-6)
         aperture = drawn.next_2d() if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
