@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from planning_scenes import AREA, over_a_floor, plate
+from planning_scenes import AREA, change, over_a_floor, plate
 
+from simrig.brdf import KURT_MATERIALS, Lambert, kurt_material
 from simrig.core import backend
 from simrig.core.effects import parse_tolerance
+from simrig.evaluation.studies.plan_validation import SCENE_OPTIONS
 from simrig.planning import plan_scene, planned_render
 from simrig.planning.change import Display
-from simrig.planning.noise import IN_A_PIXEL, SamplingNoise
+from simrig.planning.noise import IN_A_PIXEL, SAFETY, SamplingNoise
 from simrig.planning.rare import RareEvents
 from simrig.planning.tail import tail_of
 from simrig.planning.view import View
+from simrig.plugins import make_bsdf
+from simrig.rendering.render import render
+from simrig.scenes import build_scene
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +58,46 @@ def test_noise_is_foretold(filter_type: str) -> None:
         for seed in range(3)
     ]  # fmt: skip
     assert 0.7 < plan.about["noise"] / np.mean(off) < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["sphere", "cylinder", "environment_sphere"])
+@pytest.mark.parametrize("material", ["lambert", "fabric002"])
+def test_silhouettes_keep_tolerances(scene: str, material: str) -> None:
+    """Nothing but the place within a pixel is left to chance: edges, and rims that brighten."""
+    brdf = kurt_material(material) if material in KURT_MATERIALS else Lambert()
+
+    def build() -> dict[str, Any]:
+        return build_scene(scene, make_bsdf(brdf), resolution=64, **SCENE_OPTIONS[scene])
+
+    for amount in (0.2, 0.5):
+        plan = plan_scene(build, f"dE={amount}")
+        many = replace(plan, settings={**plan.settings, "spp": 4096})
+        true = planned_render(build, many, seed=9).image
+        exposure = plan.about["exposure"]
+        off = [change(true, planned_render(build, plan, n).image, exposure) for n in range(3)]
+        assert plan.about["kept"] and max(off) <= amount
+        assert plan.about["noise"] > 0.8 * np.mean(off)
+
+
+def test_pixels_that_a_silhouette_just_enters_are_chosen() -> None:
+    """As many pixels count as seeing something as a picture of many samples has lit ones."""
+    scene = build_scene("sphere", make_bsdf(Lambert()), resolution=64)
+    picture = render(scene, 4096, 1, "simrig_all_lights").image
+    lit = float((picture > 0.0).any(axis=-1).mean())
+    view = View(mi.load_dict(scene))
+    assert view.filled == pytest.approx(lit, rel=0.005)
+
+
+@pytest.mark.parametrize("spp", [2, 4, 8])
+def test_the_noise_of_the_other_samples_is_no_noise_of_a_picture(spp: int) -> None:
+    """Half of the samples against the other half differ by √2 of what either is off."""
+    rng = np.random.default_rng(4)
+    values = np.repeat(1.0 + 0.1 * rng.normal(size=(4096, 16, 1)), 3, axis=2)
+    display = Display(parse_tolerance("relative=0.1"), 1.0)
+    truth = 0.1 * np.sqrt(2.0 / np.pi / spp)
+    found = SamplingNoise(values, display, dimensions=IN_A_PIXEL).change(spp)
+    assert found / truth == pytest.approx(SAFETY, rel=0.02)
 
 
 def test_a_wide_filter_averages() -> None:

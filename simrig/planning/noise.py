@@ -29,7 +29,7 @@ from simrig.planning.tail import NO_TAIL, Tail, tail_of
 # that its tolerance is not kept.
 MOST_SAMPLES = 1 << 20
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
-_SAFETY = 1.1
+SAFETY = 1.1
 _TRIALS = 4
 _CERTAIN = 3.0  # standard errors
 _SEED = 7
@@ -82,7 +82,7 @@ class SamplingNoise:
         together = max(round(spp * self.averaging), 1)
         seen = self._seen(together, self._gain_of(spp))
         rare = self.tail.change(spp, self.pixels, self.display, self._mean)
-        return math.hypot(_SAFETY * seen, rare)
+        return math.hypot(SAFETY * seen, rare)
 
     def at_most(self, spp: int) -> float:
         """Return the expected change with three standard errors over the looked-at pixels."""
@@ -150,18 +150,21 @@ class SamplingNoise:
         group = self._count // max(self.groups, 1)
         if self.groups < 2 or group < 2:
             return 1.0
-        apart, at_random = (self._between_groups(x) for x in (self._base, self._mixed))
+        apart, at_random = (self._off_groups(x) for x in (self._base, self._mixed))
         least = 1.0 / group  # of what is smooth along one axis, which falls with n^(-3/2)
         return min(max(apart / at_random, least), 1.0) if at_random > 0.0 else 1.0
 
-    def _between_groups(self, samples: np.ndarray) -> float:
-        pixels = len(samples)
-        means = samples.reshape(pixels, self.groups, -1, 3).mean(axis=2)
+    def _off_groups(self, samples: np.ndarray) -> float:
+        """Return how far groups are off the mean of all of them.
+
+        Not off each other: of a sharp edge a group holds one of two numbers of samples, and two
+        such differ as often as one differs from the mean, but not by more, as normal ones do.
+        """
+        means = samples.reshape(len(samples), self.groups, -1, 3).mean(axis=2)
         mean = means.mean(axis=1)
         steps = [
-            self.display.total(self.display.per_pixel(means[:, one], means[:, two]), mean)
+            self.display.total(self.display.per_pixel(mean, means[:, one]), mean)
             for one in range(self.groups)
-            for two in range(one)
         ]
         return float(np.mean(steps))
 
