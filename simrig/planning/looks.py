@@ -18,8 +18,7 @@ from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
 
 MOST_SECONDS = 200.0  # that a picture takes when nothing is said of its time
-_SHARE = 0.02  # of the samples of the picture, in one look;
-_SHARE_IN_A_PIXEL = 1.0  # where these are cheap: what a look does not resolve it cannot foretell
+_SHARE = 0.02  # of the samples of the picture, in one look
 MORE_SAMPLES = (64, 256, 1024)  # of each looked-at pixel, where orders are not told apart
 
 
@@ -37,7 +36,7 @@ def size_looks(subject: SceneSubject, noise: Tolerance) -> None:
     while True:
         paths = subject.paths
         sampled = SampledSubject(subject, paths.radiance(UNLIMITED), paths.seconds_per_sample)
-        subject.affordable_paths = _worth(sampled, noise)
+        subject.affordable_paths = int(_SHARE * _samples(sampled, noise))
         least = PATHS[1] if sampled.heavy_tailed(noise) else PATHS[0]
         larger = next((n for n in PATHS if n > subject.path_count), math.inf)
         if larger > max(subject.affordable_paths, least):
@@ -50,25 +49,32 @@ def looked_closer(
 ) -> SampledSubject:
     """Return pixels with as many samples of each as their picture is worth.
 
+    Where nothing but the place within a pixel is left to chance a look is as cheap as its picture:
+    it may have as many samples, as long as it has fewer of a pixel than that. What it does not
+    resolve, such as a bright rim, it cannot foretell.
+
     Args:
         sampled: from a first look.
         noise: that the samples of the picture may leave.
         look: looks again, with some samples of each pixel.
     """
-    share = _SHARE_IN_A_PIXEL if sampled.dimensions == IN_A_PIXEL else _SHARE
     for more in MORE_SAMPLES:
         pixels, looked = sampled.radiance.shape[:2]
-        if more > looked and more * pixels <= _worth(sampled, noise, share):
+        if more <= looked:
+            continue
+        samples = _samples(sampled, noise)
+        cheap = sampled.dimensions == IN_A_PIXEL and looked * sampled.subject.pixels <= samples
+        if more * pixels <= (1.0 if cheap else _SHARE) * samples:
             sampled = look(more)
     return sampled
 
 
-def _worth(sampled: SampledSubject, noise: Tolerance, share: float = _SHARE) -> int:
-    """Return the samples of a look that a picture is worth."""
+def _samples(sampled: SampledSubject, noise: Tolerance) -> int:
+    """Return the samples that a picture will have."""
     seconds = sampled.subject.budget_seconds
     if seconds is None:
         needed, _ = sampled.needed(noise, noise.amount)
         spp = min(needed, sampled.samples_within(MOST_SECONDS))
     else:
         spp = sampled.samples_within(seconds)
-    return int(share * spp * sampled.subject.pixels)
+    return spp * sampled.subject.pixels

@@ -79,8 +79,7 @@ class SamplingNoise:
 
     def change(self, spp: int) -> float:
         """Return the expected change of a picture of ``spp`` samples against the converged one."""
-        together = max(round(spp * self.averaging), 1)
-        seen = self._seen(together, self._gain_of(spp))
+        seen = self._seen(spp)
         rare = self.tail.change(spp, self.pixels, self.display, self._mean)
         return math.hypot(SAFETY * seen, rare)
 
@@ -90,8 +89,7 @@ class SamplingNoise:
         lit = (self._mean > 0.0).any(axis=-1)
         if not lit.any():
             return expected
-        together = max(round(spp * self.averaging), 1)
-        steps = np.mean(self._steps(together, self._gain_of(spp)), axis=0)[lit]
+        steps = np.mean(self._steps(spp), axis=0)[lit]
         unseen = max(1.0 - len(self.radiance) / self.pixels, 0.0)
         error = _CERTAIN * float(steps.std()) * math.sqrt(unseen / len(steps))
         mean = float(steps.mean())
@@ -111,30 +109,29 @@ class SamplingNoise:
         """Return whether most of the noise of ``spp`` samples is of events that few pixels met."""
         if self._rare is None or not self._rare.any:
             return False
-        together, gain = max(round(spp * self.averaging), 1), self._gain_of(spp)
-        return self._seen(together, gain, False) < 0.5 * self._seen(together, gain)
+        return self._seen(spp, rare=False) < 0.5 * self._seen(spp)
 
-    def _seen(self, spp: int, gain: float, rare: bool = True) -> float:
+    def _seen(self, spp: int, rare: bool = True) -> float:
         """Return the mean change of a picture, without what is rarer than was seen.
 
         Args:
-            spp: samples that a pixel averages.
-            gain: what stratification leaves of their noise.
+            spp: samples per pixel of the picture.
             rare: whether events count that few pixels met.
         """
-        steps = self._steps(spp, gain, rare)
+        steps = self._steps(spp, rare)
         return float(np.mean([self.display.total(step, self._mean) for step in steps]))
 
-    def _steps(self, spp: int, gain: float, rare: bool = True) -> list[np.ndarray]:
+    def _steps(self, spp: int, rare: bool = True) -> list[np.ndarray]:
         """Return the change of each pixel in some trials, (n,) each."""
-        draw = self._split if 2 * spp <= self._count else self._shaken
+        together, gain = max(round(spp * self.averaging), 1), self._gain_of(spp)
+        draw = self._split if 2 * together <= self._count else self._shaken
         changes = []
         for trial in range(_TRIALS):
-            mean, error = draw(spp, trial)
+            mean, error = draw(together, trial)
             error = gain * error
             if rare and self._rare is not None and self._rare.any:
                 mean = self._mean
-                error = error + self._rare.errors(spp, np.random.default_rng((_SEED, trial)))
+                error = error + self._rare.errors(together, np.random.default_rng((_SEED, trial)))
             noisy = np.maximum(mean + error, 0.0)
             changes.append(self.display.per_pixel(mean, noisy))
         return changes

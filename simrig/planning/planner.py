@@ -161,7 +161,7 @@ def plan_subject(
         "spp": spp,
         "variant": backend.current(),
     }
-    if integrator["type"] != light_tracer()["type"] and subject.view.stratified:
+    if not followed and subject.view.stratified:
         settings["sampler"] = SAMPLER
     if subject.source.sensor:
         settings["sensor"] = subject.source.sensor

@@ -62,10 +62,7 @@ class View:
 
         Changes are means over pixels that are not black, so those that see something come first.
         """
-        if self.pixels <= PIXELS or self._sees_surroundings:
-            return self._spread_out(min(PIXELS, self.pixels))
-        candidates = self._spread_out(min(_CANDIDATES, self.pixels))
-        hit = self._hit(candidates)
+        candidates, hit = self._candidates
         seeing, others = candidates[hit], candidates[~hit]
         return np.concatenate([_some(seeing, PIXELS), _some(others, max(PIXELS - len(seeing), 0))])
 
@@ -77,9 +74,16 @@ class View:
     @cached_property
     def filled(self) -> float:
         """The share of the picture's pixels that see something, about."""
+        return float(self._candidates[1].mean())
+
+    @cached_property
+    def _candidates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels of which some are chosen, and which of them see something."""
         if self.pixels <= PIXELS or self._sees_surroundings:
-            return 1.0
-        return float(self._hit(self._spread_out(min(_CANDIDATES, self.pixels))).mean())
+            pixels = self._spread_out(min(PIXELS, self.pixels))
+            return pixels, np.ones(len(pixels), dtype=bool)
+        pixels = self._spread_out(min(_CANDIDATES, self.pixels))
+        return pixels, self._hit(pixels)
 
     @property
     def _sees_surroundings(self) -> bool:
