@@ -9,7 +9,7 @@ PYTEST := $(BIN)/python -m pytest
 SOURCES := simrig plugins scenes evaluation tests
 
 .PHONY: help install constraints demo test test-quick test-random coverage lint types format rooms \
-	doctor clean
+	doctor docs clean
 
 help:
 	@echo "make demo        set up, then run the main job into output/demo"
@@ -20,6 +20,7 @@ help:
 	@echo "make lint        ruff and mypy"
 	@echo "make format      let ruff rewrite the code"
 	@echo "make rooms       draw who imports whom into the docs, count the lines of every room"
+	@echo "make docs        build the manual as a site into output/docs"
 	@echo "make doctor      say what is missing and how to get it"
 	@echo "make install     set up only"
 	@echo "make constraints write down the versions that are installed, as those to be tested"
@@ -77,8 +78,16 @@ rooms: $(READY)
 	@$(BIN)/python tests/rooms.py --draw
 	@$(BIN)/python tests/rooms.py
 
+# warnings are errors
+docs: $(READY)
+	@mkdir -p output
+	@$(BIN)/typer simrig.cli.app utils docs --name simrig --title Commands \
+	--output docs/reference/every_command.md >/dev/null
+	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs output/docs
+	@echo "output/docs/index.html"
+
 doctor: $(READY)
 	$(BIN)/simrig doctor
 
 clean:
-	rm -rf $(VENV) .types build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage output
+	rm -rf $(VENV) .types build docs/reference/every_command.md *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage output

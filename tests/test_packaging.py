@@ -140,8 +140,17 @@ def test_the_makefile_offers_what_the_readme_says() -> None:
         for line in (ROOT / "Makefile").read_text().splitlines()
         if ":" in line and not line.startswith(("\t", ".", "#"))
     }
-    readme = (ROOT / "README.md").read_text()
-    for target in ("demo", "test", "test-quick", "test-random", "coverage", "lint", "install"):
+    readme = (ROOT / "README.md").read_text() + (ROOT / "docs" / "start.md").read_text()
+    for target in (
+        "demo",
+        "docs",
+        "test",
+        "test-quick",
+        "test-random",
+        "coverage",
+        "lint",
+        "install",
+    ):
         assert target in targets
         assert f"make {target}" in readme
     assert "make --silent test" in (ROOT / ".ci" / "run").read_text()

@@ -85,7 +85,7 @@ def compare(
         exposure: of pictures: factor to the linear values before they are shown; unless given,
             the one that the reference's plan was made for where its OpenEXR file says so, else 1.
         foreground: of pictures: count only pixels that are not black in both (false).
-        difference_scale: of pictures: s of the difference image 255 − s·|I1 − I2| (10).
+        difference_scale: of pictures: s of the difference image ``255 − s·|I1 − I2|`` (10).
 
     Returns:
         ``delta_e``, ``log_error`` (%), ``median_relative_error`` (%), ``mre`` (%), ``rmse``

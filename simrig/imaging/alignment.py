@@ -136,7 +136,7 @@ class Views:
         return Views(thin, self.pitch_mm * every, self.cameras_mm)
 
     def at(self, plane: Plane, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return what every view shows of points of a plane, (views, *x.shape) float32.
+        """Return what every view shows of points of a plane, ``(views, *x.shape)`` float32.
 
         Args:
             plane: the surface.

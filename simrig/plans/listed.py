@@ -49,8 +49,14 @@ class Directions(ListedPlan):
         if listed.ndim != 2 or listed.shape[1] != 4 or len(listed) == 0:
             raise SimrigError(f"a plan needs directions (n, 4), n >= 1, got {listed.shape}")
         theta = listed[:, :2]
-        if not np.all(np.isfinite(listed)) or not np.all((theta >= 0.0) & (theta < np.pi / 2)):
-            raise SimrigError("a plan needs finite directions with polar angles in [0, 90) degrees")
+        good = np.isfinite(listed).all(axis=1) & ((theta >= 0.0) & (theta < np.pi / 2)).all(axis=1)
+        if not good.all():
+            number = int(np.argmin(good))
+            row = ", ".join(f"{angle:g}" for angle in np.degrees(listed[number]))
+            raise SimrigError(
+                f"pair {number + 1} (theta_i, theta_v, phi_i, phi_v = {row} degrees): a plan needs "
+                "finite directions with polar angles in [0, 90) degrees"
+            )
         listed.flags.writeable = False
         object.__setattr__(self, "listed", listed)
 
