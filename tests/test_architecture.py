@@ -18,7 +18,7 @@ MATERIALS = {"core", "directions", "brdf", "btf"}
 STRUCTURES = {"core", "mesostructure"}
 RECORDINGS = MATERIALS | {"files", "plans", "instruments"}
 RECONSTRUCTION = RECORDINGS | {"reconstruction"}
-RIGS = RECONSTRUCTION | STRUCTURES | {"plugins", "scenes", "imaging"}
+RIGS = RECONSTRUCTION | STRUCTURES | {"plugins", "scenes", "imaging", "database"}
 PICTURES = RIGS | {"rigs", "rendering", "planning", "perception", "methods"}
 EVERYTHING = PICTURES | {"viewing", "evaluation", "doctor"}
 
@@ -32,8 +32,9 @@ MAY_IMPORT = {
     "imaging": {"core"},
     "instruments": {"core", "files"},
     "mesostructure": {"core"},
-    "plans": MATERIALS,
-    "reconstruction": MATERIALS | {"plans"},
+    "database": MATERIALS | {"files"},
+    "plans": MATERIALS | {"database"},
+    "reconstruction": MATERIALS | {"plans", "database"},
     "plugins": MATERIALS,
     "scenes": STRUCTURES,
     "rigs": RIGS,

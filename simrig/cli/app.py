@@ -15,6 +15,7 @@ from simrig.cli import (
     compare,
     converge,
     convert,
+    database,
     distance,
     doctor,
     experiment,
@@ -94,6 +95,12 @@ _BTF: Commands = {
     "average": btf_files.average,
     "from-slices": btf_files.from_slices,
 }
+_DATABASE: Commands = {
+    "build": database.build,
+    "list": database.list_materials,
+    "show": database.show,
+    "export": database.export,
+}
 _REFLECTOR: Commands = {"picture": reflector.picture, "analyse": reflector.analyse}
 _STIMULI: Commands = {
     "cylinders": stimuli.cylinders,
@@ -116,6 +123,7 @@ _PROCESS: Commands = {
 _GROUPS: dict[str, tuple[str, Commands]] = {
     "study": ("Published tables and figures beside ours.", _STUDY),
     "btf": ("BTFs: measure, look at, convert, fill, average.", _BTF),
+    "database": ("BRDFs known before: the virtual database, or your own.", _DATABASE),
     "reflector": ("One picture under an ellipsoidal mirror, and its anisotropy.", _REFLECTOR),
     "process": ("From recorded pictures to values, stage by stage.", _PROCESS),
     "stimuli": ("Scenes of the study of structure: cylinders, frames, room.", _STIMULI),

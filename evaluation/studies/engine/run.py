@@ -103,7 +103,7 @@ def run_study(
     run_cell: Callable[..., list[dict[str, Any]]] = study.run_cell
     if study.keeps:  # workers of a scheduler need no access to the folder
         run_cell = partial(run_cell, kept=None if scheduler else (place.path / _KEPT).resolve())
-    for cell, rows, seconds in _finish(run_cell, place.config, left, scheduler, workers):
+    for cell, rows, seconds in finished_cells(run_cell, place.config, left, scheduler, workers):
         place.keep(cell, rows, seconds)
         done += 1
         report(done, len(cells))
@@ -119,7 +119,7 @@ def load_results(study: Study, folder: str | Path) -> StudyResults:
     return collect(StudyFolder.open(Path(folder), study))
 
 
-def _finish(
+def finished_cells(
     run_cell: Callable[..., list[dict[str, Any]]],
     config: Config,
     cells: Sequence[Cell],

@@ -1,0 +1,1 @@
+"""The virtual database: how it is measured, and how varied it is."""
