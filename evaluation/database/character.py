@@ -28,7 +28,7 @@ def characterised(values: np.ndarray) -> dict[str, Any]:
         ``two_colours``, ``brightness`` (mean of f_r).
     """
     n = values.shape[2]
-    floor = max(1e-3 * float(values.mean()), np.finfo(np.float32).tiny)
+    floor = max(1e-3 * float(values.mean()), float(np.finfo(np.float32).tiny))
     logs = np.log(values[1:, 1:].astype(np.float64) + floor)
     turns = (np.arange(n)[:, None] + np.arange(n)) % n  # [difference, turn] -> view azimuth
     axial = logs[:, :, np.arange(n)[None, :], turns]  # (i, v, difference, turn, 3)

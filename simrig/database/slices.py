@@ -181,14 +181,14 @@ class Slices:
 
     def _write(self, path: Path) -> None:
         ranks = [factor.shape[1] for factor in self.factors]
-        arrays = {
-            "means": self.means,
-            "ranks": np.array(ranks),
-            "factors": np.concatenate(self.factors, axis=1),
-            "loadings": np.concatenate(self.loadings, axis=0),
-        }
         with atomic_write(path) as temporary, open(temporary, "wb") as file:
-            np.savez(file, **arrays)
+            np.savez(
+                file,
+                means=self.means,
+                ranks=np.array(ranks),
+                factors=np.concatenate(self.factors, axis=1),
+                loadings=np.concatenate(self.loadings, axis=0),
+            )
 
     @classmethod
     def _read(cls, path: Path, database: Database) -> Slices:

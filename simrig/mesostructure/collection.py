@@ -190,10 +190,9 @@ def _fabric(number: int, rng: np.random.Generator) -> tuple[str, Structure]:
         )
         return "knit", Knit(yarn, wale, 0.72 * wale, 4, 4, bool(rng.integers(2)))
     if turn == 7:
-        wale = 2.5 if rng.random() < 0.5 else None
-        side = 7.5
+        ribs = 2.5 if rng.random() < 0.5 else None
         return "pile", Pile(
-            _colour(rng), (side, side), float(rng.uniform(0.6, 1.2)), wale, 40.0, 0.045,
+            _colour(rng), (7.5, 7.5), float(rng.uniform(0.6, 1.2)), ribs, 40.0, 0.045,
             float(rng.uniform(0.1, 0.5)), fibre(float(rng.uniform(0.35, 0.6)), 0.6, 0.5),
         )  # fmt: skip
     colour = _colour(rng)

@@ -92,7 +92,8 @@ class CubeCorners:
         up = np.array([[0.0, 0.0], [s, 0.0], [0.5 * s, h]])
         down = np.array([[s, 0.0], [1.5 * s, h], [0.5 * s, h]])
         mirrored = np.array([0.0, 2.0 * h]) + [1.0, -1.0] * np.stack([up, down])[:, ::-1]
-        vertices, faces = [], []
+        vertices: list[np.ndarray] = []
+        faces: list[list[int]] = []
         for corner in (up, down, *mirrored):
             first = len(vertices)
             apex = np.append(corner.mean(axis=0), -s / np.sqrt(6.0))
