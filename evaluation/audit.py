@@ -2,11 +2,13 @@
 
 Every scene file of a folder that has a sensor is planned and rendered, by a tolerance or by a
 budget of seconds, and compared with a reference where time is given for one: paths of all orders,
-as many as the time allows. Nothing stops the run: what is refused is a row with its reason.
+as many as the time allows. Nothing stops the run: what is refused is a row with its reason. A
+record holds every row as soon as it is there, and a run with the same record goes on behind it.
 """
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -91,6 +93,7 @@ def audit(
     reference_seconds: float = 0.0,
     parameters: dict[str, str] | None = None,
     progress: Callable[[int, int, str], None] | None = None,
+    record: Path | None = None,
 ) -> list[Audited]:
     """Plan and render every scene of a folder.
 
@@ -102,24 +105,66 @@ def audit(
         reference_seconds: for a reference of each; none by default.
         parameters: values of ``$names``, for the files that have them.
         progress: called with scenes done, in total, and what is at work.
+        record: a file of JSON lines, the questions and a row for each scene, which are not asked
+            again.
 
     Raises:
-        SimrigError: a folder without scenes.
+        SimrigError: a folder without scenes; a record of other questions.
     """
     paths = list(scene_files(folder))
     if not paths:
         raise SimrigError(f"there is no scene file with a sensor in '{folder}'")
+    asked: dict[str, Any] = {
+        "tolerance": str(tolerance),
+        "budget_seconds": budget_seconds,
+        "scale": scale,
+        "reference_seconds": reference_seconds,
+        "parameters": parameters or {},
+    }
+    known = {} if record is None else _recorded(record, asked)
     rows = []
     for done, path in enumerate(paths):
         name = str(path.relative_to(folder))
         if progress:
             progress(done, len(paths), name)
-        rows.append(
-            _one(path, name, tolerance, budget_seconds, scale, reference_seconds, parameters)
-        )
+        row = known.get(name)
+        if row is None:
+            row = _one(path, name, tolerance, budget_seconds, scale, reference_seconds, parameters)
+            if record is not None:
+                _append(record, row.as_dict())
+        rows.append(row)
     if progress:
         progress(len(paths), len(paths), "")
     return rows
+
+
+def _recorded(record: Path, asked: dict[str, Any]) -> dict[str, Audited]:
+    """Return the rows of a record, by scene; it is begun where there is none.
+
+    A last line that a kill has cut off is taken away.
+    """
+    try:
+        text = record.read_text() if record.exists() else ""
+        lines = text[: text.rfind("\n") + 1].splitlines()
+        if not text:
+            record.write_text(json.dumps(asked) + "\n")
+            return {}
+        before, *rows = map(json.loads, lines)
+        found = [Audited(**{**row, "switched_on": tuple(row["switched_on"])}) for row in rows]
+        if len(text) > text.rfind("\n") + 1:
+            record.write_text("\n".join(lines) + "\n")
+    except (ValueError, TypeError, KeyError) as error:
+        raise SimrigError(f"'{record}' is no record of an audit: choose another file") from error
+    except OSError as error:
+        raise SimrigError(f"cannot keep the record '{record}': {error.strerror}") from error
+    if before != asked:
+        raise SimrigError(f"'{record}' was begun with {before}, not {asked}: choose another file")
+    return {row.scene: row for row in found}
+
+
+def _append(record: Path, row: dict[str, Any]) -> None:
+    with record.open("a") as file:
+        file.write(json.dumps(row) + "\n")
 
 
 def _one(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,26 @@ def test_every_scene_of_a_folder_has_its_row() -> None:
     told = done("audit", "all", "--budget", "0.1s", "-D", "size=16")
     assert told["summary"]["refused"] == 1
     assert told["summary"]["not told"] == 2
+
+
+@pytest.mark.usefixtures("in_empty_folder")
+def test_a_record_is_gone_on_behind_and_of_one_question() -> None:
+    Path("all").mkdir()
+    Path("all/a.xml").write_text(SCENE)
+    Path("all/b.xml").write_text(SCENE)
+    asked = ("audit", "all", "--budget", "0.1s", "-o", "rows.jsonl")
+    done(*asked)
+    lines = Path("rows.jsonl").read_text().splitlines()
+    first = {**json.loads(lines[1]), "settings": "as it was"}
+    Path("rows.jsonl").write_text(f"{lines[0]}\n{json.dumps(first)}\n{lines[2][:20]}")
+    rows = done(*asked)["scenes"]
+    assert rows[0]["settings"] == "as it was", "not asked again"
+    assert rows[1]["verdict"] == "not told"
+    assert len(Path("rows.jsonl").read_text().splitlines()) == 3
+    assert "choose another file" in refusal(*asked, "--scale", "0.5")
+    Path("rows.jsonl").write_text("no record")
+    assert "no record of an audit" in refusal(*asked)
+    assert "cannot keep the record" in refusal(*asked[:-1], "no_folder/rows.jsonl")
 
 
 @pytest.mark.usefixtures("in_empty_folder")

@@ -24,6 +24,9 @@ def audit(
         float, typer.Option(min=0.0, help="For a reference of each; none without.")
     ] = 0.0,
     define: Define = None,
+    output: Annotated[
+        Path | None, typer.Option(help="Record of JSON lines, written scene by scene; resumed.")
+    ] = None,
 ) -> frame.Report:
     """Plan and render every scene of a folder, and say which plans hold.
 
@@ -40,7 +43,7 @@ def audit(
     allowed = parse_tolerance(tolerance or effect_options.DEFAULT_TOLERANCE)
     parameters = assignments("-D", "NAME=VALUE", define)
     with frame.progress("audit") as report:
-        rows = run(folder, allowed, seconds, scale, reference_seconds, parameters, report)
+        rows = run(folder, allowed, seconds, scale, reference_seconds, parameters, report, output)
     found = summary(rows)
     return frame.Report(
         data={"folder": folder, "scenes": [row.as_dict() for row in rows], "summary": found},

@@ -29,7 +29,7 @@ from simrig.planning.tail import NO_TAIL, Tail, tail_of
 # that its tolerance is not kept.
 MOST_SAMPLES = 1 << 20
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
-SAFETY = 1.1
+SAFETY = 1.02
 _TRIALS = 4
 _CERTAIN = 3.0  # standard errors
 _SEED = 7
@@ -169,14 +169,16 @@ class SamplingNoise:
         """Return what stratification leaves of the noise.
 
         It gains with the samples that are stratified together. Up to those of a group it follows
-        the power of them that was measured; beyond, that of edges in as many dimensions d as are
-        drawn, n^(-1/2d) (Mitchell 1996, "Consequences of stratified sampling in graphics").
+        the power of them that was measured; beyond, the root of that, since what is smooth is
+        soon spent, or what edges leave in as many dimensions d as are drawn, n^(-1/2d) (Mitchell
+        1996, "Consequences of stratified sampling in graphics"), where that is less.
         """
         if self.groups < 2:
             return 1.0
         group, together = max(self._count // self.groups, 2), max(min(spp, self.per_pass), 1)
-        within = self._gain ** (math.log(min(together, group)) / math.log(group))
-        return float(within * max(together / group, 1.0) ** (-0.5 / self.dimensions))
+        power = math.log(self._gain) / math.log(group)
+        beyond = min(0.5 * power, -0.5 / self.dimensions)
+        return float(min(together, group) ** power * max(together / group, 1.0) ** beyond)
 
     def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the means of all samples of each pixel but ``spp``, and how far those are off.

@@ -95,7 +95,7 @@ def probe(view: View, integrator: Any, samples: int = SAMPLES) -> CameraProbe:
         body,
         clock.kernel_seconds / body.size,
         meeting.kernel_seconds / body.size,
-        clock.run_seconds - clock.kernel_seconds,
+        max(clock.run_seconds - clock.kernel_seconds, 0.0),  # kernels may run side by side
     )
 
 
