@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from simrig.planning.tail import NO_TAIL, Tail, tail_of
 # that its tolerance is not kept.
 MOST_SAMPLES = 1 << 20
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
-SAFETY = 1.02
+SAFETY = 1.05
 _TRIALS = 4
 _CERTAIN = 3.0  # standard errors
 _SEED = 7
@@ -76,12 +76,14 @@ class SamplingNoise:
         self._base = radiance if self._rare is None else self._rare.others
         self._sum = self._base.sum(axis=1)
         self._mean = self._sum / self._count if self._rare is None else self._rare.mean
+        self._changes: dict[int, float] = {}
 
     def change(self, spp: int) -> float:
         """Return the expected change of a picture of ``spp`` samples against the converged one."""
-        seen = self._seen(spp)
-        rare = self.tail.change(spp, self.pixels, self.display, self._mean)
-        return math.hypot(SAFETY * seen, rare)
+        if spp not in self._changes:
+            rare = self.tail.change(spp, self.pixels, self.display, self._mean)
+            self._changes[spp] = math.hypot(SAFETY * self._seen(spp), rare)
+        return self._changes[spp]
 
     def at_most(self, spp: int) -> float:
         """Return the expected change with three standard errors over the looked-at pixels."""
@@ -217,7 +219,7 @@ class SamplingNoise:
         whatever the change is then. The change falls with the root of the samples, or nearly so:
         the search begins where that of as many as there are tells it to.
         """
-        change = cache(self.change)
+        change = self.change
         guess = self._count * (change(self._count) / allowed) ** 2 if allowed > 0.0 else math.inf
         place = min(bisect_left(CANDIDATES, guess), len(CANDIDATES) - 1)
         while place < len(CANDIDATES) - 1 and change(CANDIDATES[place]) > allowed:
