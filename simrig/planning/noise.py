@@ -171,15 +171,16 @@ class SamplingNoise:
         """Return what stratification leaves of the noise.
 
         It gains with the samples that are stratified together. Up to those of a group it follows
-        the power of them that was measured; beyond, the root of that, since what is smooth is
-        soon spent, or what edges leave in as many dimensions d as are drawn, n^(-1/2d) (Mitchell
-        1996, "Consequences of stratified sampling in graphics"), where that is less.
+        the power of them that was measured; beyond, that of edges in as many dimensions d as are
+        drawn, n^(-1/2d) (Mitchell 1996, "Consequences of stratified sampling in graphics"), or
+        the root of what was measured where that fell faster than edges in two dimensions do.
         """
         if self.groups < 2:
             return 1.0
         group, together = max(self._count // self.groups, 2), max(min(spp, self.per_pass), 1)
         power = math.log(self._gain) / math.log(group)
-        beyond = min(0.5 * power, -0.5 / self.dimensions)
+        least = -0.5 / self.dimensions
+        beyond = min(0.5 * power, least) if power < -0.5 / IN_A_PIXEL else least
         return float(min(together, group) ** power * max(together / group, 1.0) ** beyond)
 
     def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
