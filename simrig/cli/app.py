@@ -34,6 +34,7 @@ from simrig.cli import (
     stability,
     stimuli,
     studies,
+    web_experiment,
 )
 from simrig.cli.btf import files as btf_files
 from simrig.cli.btf import measure as btf
@@ -120,11 +121,20 @@ _PROCESS: Commands = {
     "tile": process.tile,
     "recording": process.recording,
 }
+_EXPERIMENT: Commands = {
+    "init": web_experiment.init,
+    "serve": web_experiment.serve,
+    "load": web_experiment.load,
+    "export": web_experiment.export,
+    "delete": web_experiment.delete,
+    "analyse": web_experiment.analyse,
+}
 _GROUPS: dict[str, tuple[str, Commands]] = {
     "study": ("Published tables and figures beside ours.", _STUDY),
     "btf": ("BTFs: measure, look at, convert, fill, average.", _BTF),
     "database": ("BRDFs known before: the virtual database, or your own.", _DATABASE),
     "reflector": ("One picture under an ellipsoidal mirror, and its anisotropy.", _REFLECTOR),
+    "experiment": ("Ask people on the web from where on structure cannot be seen.", _EXPERIMENT),
     "process": ("From recorded pictures to values, stage by stage.", _PROCESS),
     "stimuli": ("Scenes of the study of structure: cylinders, frames, room.", _STIMULI),
 }

@@ -47,11 +47,13 @@ class Report:
         data: the machine-readable result, printed by ``--json``; NumPy values are allowed.
         shown: what a person reads, in order: strings and rich renderables.
         exit_code: 0 unless the finding itself is bad.
+        then: what goes on after the report is printed: a server, until Ctrl-C.
     """
 
     data: Mapping[str, Any]
     shown: Sequence[Any] = ()
     exit_code: int = 0
+    then: Callable[[], None] | None = None
 
 
 @dataclass
@@ -119,6 +121,8 @@ def _framed(function: Callable[..., Report]) -> Callable[..., None]:
             with _native_output_on_standard_error():
                 report = function(**arguments)
             _print_report(report, as_json)
+            if report.then is not None:
+                report.then()
         raise typer.Exit(report.exit_code)
 
     shared = [_keyword(key, False, kind) for key, kind in _SHARED.items()]

@@ -1,0 +1,71 @@
+"""Serving an experiment's folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from simrig.core.errors import SimrigError
+from simrig.web.experiment.design import read_design
+from simrig.web.experiment.server import application
+from simrig.web.experiment.sessions import fingerprint
+from simrig.web.experiment.store import Store, engine_of, prepare
+from simrig.web.listen import origins_of, run
+
+SERVING = ".serving.json"
+
+
+def prepared(
+    folder: Path, sock: socket.socket, database: str | None = None, public: str | None = None
+) -> Callable[[], None]:
+    """Return what serves an experiment until Ctrl-C, once all is checked.
+
+    Args:
+        folder: as ``simrig experiment init`` makes it.
+        sock: that listens.
+        database: URL; the folder's own SQLite file when not given.
+        public: origin under which a proxy with TLS publishes it, ``https://lab.example``.
+
+    Raises:
+        SimrigError: what ``read_design`` and ``prepare`` refuse, a public origin that is none.
+    """
+    if public is not None and not re.fullmatch(r"https://[A-Za-z0-9.-]+(:\d{1,5})?", public):
+        raise SimrigError(f"--public is an origin such as https://lab.example, got '{public}'")
+    design = read_design(folder)
+    engine = engine_of(folder, database)
+    prepare(engine, fingerprint(design))
+    origins = origins_of(sock, public)
+
+    def serve() -> None:
+        app = application(folder, design, Store(engine), origins)
+        with _announced(folder, origins[0]):
+            run(app, sock, proxied=public is not None)
+
+    return serve
+
+
+@contextmanager
+def _announced(folder: Path, origin: str) -> Iterator[None]:
+    """Note in the folder where it is served, so that virtual observers find it."""
+    note = folder / SERVING
+    note.write_text(json.dumps({"origin": origin, "pid": os.getpid()}), encoding="utf-8")
+    try:
+        yield
+    finally:
+        if serving(folder) == origin:
+            note.unlink(missing_ok=True)
+
+
+def serving(folder: Path) -> str | None:
+    """Return where a folder is served by a process that lives, if it is."""
+    try:
+        said = json.loads((folder / SERVING).read_text(encoding="utf-8"))
+        os.kill(int(said["pid"]), 0)
+        return str(said["origin"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
