@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import http.client
+import json
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from simrig.scenes.cylinder_layout import cylinder_row
-from simrig.web.experiment.design import PICTURES, Design, checked, write_design
+from simrig.web.experiment.design import PICTURES, Design, checked, read_design, write_design
+from simrig.web.listen import listening, origins_of, server
 
 ROW = cylinder_row("B")
 SQUARES = (1, 2, 3, 5, 8)  # mm
@@ -50,3 +57,50 @@ def small_experiment(folder: Path, resolution: int = 540, **changes: Any) -> Des
         write_picture(chessboard_texture(float(mm)), path, "B", resolution)
     write_design(folder, design)
     return design
+
+
+class Running:
+    """An application of ours that is served by a thread of this process."""
+
+    def __init__(self, app_of: Callable[[list[str]], Any]) -> None:
+        self._sock = listening("127.0.0.1", 0)
+        self.origin = origins_of(self._sock)[0]
+        self._server = server(app_of(origins_of(self._sock)))
+        self._thread = threading.Thread(target=self._server.run, args=([self._sock],))
+        self._thread.start()
+        while not self._server.started:
+            time.sleep(0.01)
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+        self._thread.join(20)
+        self._sock.close()
+
+    def ask(
+        self, method: str, path: str, body: Any = None, token: str | None = None, **headers: str
+    ) -> tuple[int, Any, dict[str, str]]:
+        """Return status, what was said (parsed where it is JSON), and the headers."""
+        parts = urlsplit(self.origin)
+        connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=20)
+        data = body if isinstance(body, bytes | None) else json.dumps(body).encode()
+        own = {} if data is None else {"Content-Type": "application/json"}
+        own |= {} if token is None else {"Authorization": f"Bearer {token}"}
+        own |= {key.replace("_", "-"): value for key, value in headers.items()}
+        connection.request(method, path, data, own)
+        answer = connection.getresponse()
+        text = answer.read()
+        said = json.loads(text) if answer.headers.get_content_type() == "application/json" else text
+        connection.close()
+        return answer.status, said, {k.lower(): v for k, v in answer.headers.items()}
+
+
+def served(folder: Path, database: str | None = None) -> Running:
+    """Serve an experiment's folder in this process."""
+    from simrig.web.experiment.server import application
+    from simrig.web.experiment.sessions import fingerprint
+    from simrig.web.experiment.store import Store, engine_of, prepare
+
+    design = read_design(folder)
+    engine = engine_of(folder, database)
+    prepare(engine, fingerprint(design))
+    return Running(lambda origins: application(folder, design, Store(engine), origins))

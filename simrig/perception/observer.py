@@ -16,8 +16,7 @@ from simrig.core.errors import SimrigError
 from simrig.perception.sensitivity import contrast_sensitivity
 
 POOLING = 3.5
-_BLUR_ARCMIN = 0.5  # standard deviation of a young eye's blur [Bar99]
-_BLUR_PER_DECADE = 0.1  # beyond 30 years; assumed
+_BLUR_PER_DECADE = 0.15  # arc minutes beyond 30 years, to whose eyes the formula belongs; assumed
 _LOWEST_CPD = 0.05  # below, the formula is no longer one of sensitivity
 BANDS = np.geomspace(1.0 / 256.0, 0.5, 17)  # edges in cycles per pixel of the picture
 
@@ -60,7 +59,7 @@ class Observer:
         per_mm = middle / picture_pixel_mm
         degree_mm = 2.0 * np.tan(np.radians(0.5)) * 1000.0 * self.viewing_m
         cpd = np.maximum(per_mm * degree_mm, _LOWEST_CPD)
-        blur_deg = (_BLUR_ARCMIN + _BLUR_PER_DECADE * max(0.0, self.age - 30.0) / 10.0) / 60.0
+        blur_deg = _BLUR_PER_DECADE * max(0.0, self.age - 30.0) / 10.0 / 60.0
         eye = np.exp(-2.0 * (np.pi * blur_deg * cpd) ** 2)
         screen = np.abs(np.sinc(per_mm * self.pixel_mm)) * (per_mm * self.pixel_mm < 0.5)
         seen = contrast_sensitivity(cpd) * eye * screen / self.threshold
@@ -91,7 +90,7 @@ def drawn_observer(rng: np.random.Generator) -> Observer:
 
 
 # above the formula's: structure is looked for beside shading, not flickering in a grating
-_TYPICAL = 4.0
+_TYPICAL = 2.0
 
 
 def band_contrasts(textured: np.ndarray, plain: np.ndarray) -> np.ndarray:

@@ -43,12 +43,11 @@ def origins_of(sock: socket.socket, public: str | None = None) -> list[str]:
     return own if public is None else [*own, public]
 
 
-def run(app: Any, sock: socket.socket, proxied: bool = False) -> None:
-    """Serve until Ctrl-C or SIGTERM.
+def server(app: Any, proxied: bool = False) -> Any:
+    """Return uvicorn's server of an application; ``run(sockets=[sock])`` serves.
 
     Args:
         app: ASGI.
-        sock: that listens.
         proxied: a proxy on this machine says whom it asks for (``X-Forwarded-For``).
     """
     import uvicorn
@@ -67,5 +66,10 @@ def run(app: Any, sock: socket.socket, proxied: bool = False) -> None:
         h11_max_incomplete_event_size=16384,
         ws_max_size=65536,
     )
+    return uvicorn.Server(config)
+
+
+def run(app: Any, sock: socket.socket, proxied: bool = False) -> None:
+    """Serve until Ctrl-C or SIGTERM; see ``server``."""
     with suppress(KeyboardInterrupt):  # which uvicorn repeats once all is closed
-        uvicorn.Server(config).run(sockets=[sock])
+        server(app, proxied).run(sockets=[sock])

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 
 from simrig.btf.synthetic import chessboard
@@ -158,17 +159,11 @@ def _turned(texture: UprightTexture, rotation_deg: float) -> UprightTexture:
     # where the tile has what is seen here, in texels from the centre of its first one
     right = (cosine * x + sine * y) / texture.texel_mm[0] - 0.5
     down = height - (cosine * y - sine * x) / texture.texel_mm[1] - 0.5
-    c, r = np.floor(right).astype(int), np.floor(down).astype(int)
-    fc, fr = ((v - np.floor(v))[..., None].astype(np.float32) for v in (right, down))
+    where = (np.mod(right, width).astype(np.float32), np.mod(down, height).astype(np.float32))
     found = np.empty((*texture.radiance.shape[:2], up, across, 3), dtype=np.float32)
     for index in np.ndindex(*found.shape[:2]):
-        tile = texture.radiance[index]
-        rows = [
-            (1 - fc) * tile[(r + k) % height, c % width]
-            + fc * tile[(r + k) % height, (c + 1) % width]
-            for k in (0, 1)
-        ]
-        found[index] = (1 - fr) * rows[0] + fr * rows[1]
+        tile = np.pad(texture.radiance[index], ((0, 1), (0, 1), (0, 0)), mode="wrap")
+        found[index] = cv2.remap(tile, *where, cv2.INTER_LINEAR)
     return UprightTexture(found, (step, step))
 
 

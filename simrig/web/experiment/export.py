@@ -13,6 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from simrig.core.errors import SimrigError
 from simrig.web.experiment import sessions, store
 from simrig.web.experiment.design import Design, read_design, write_design
+from simrig.web.experiment.looking import write_features
 
 ANSWERS = (
     "subject",
@@ -45,7 +46,7 @@ def opened(folder: Path, database: str | None) -> tuple[Design, sql.Engine]:
 
 
 def write_tables(folder: Path, to: Path, database: str | None) -> dict[str, int]:
-    """Write ``answers.csv``, ``subjects.csv`` and ``experiment.toml``.
+    """Write ``answers.csv``, ``subjects.csv``, ``experiment.toml`` and ``features.csv``.
 
     Returns:
         How many answers and subjects.
@@ -108,6 +109,7 @@ def write_tables(folder: Path, to: Path, database: str | None) -> dict[str, int]
         ),
     )
     write_design(to, design)
+    write_features(folder, design, to / "features.csv")
     return {"answers": len(answers), "subjects": len(subjects)}
 
 
@@ -122,7 +124,9 @@ def _answer(row: Any, stimuli: dict[str, Any], design: Design) -> dict[str, Any]
         "rotation_deg": stimulus.rotation_deg,
         "role": stimulus.role,
         "repeat": int(row["repeat"]),
-        "label": design.answers[row["answer"]],
+        "label": (stimulus.pictures if len(stimulus.pictures) == 2 else design.answers)[
+            row["answer"]
+        ],
         "k_max": k_max(design, stimulus.structure_mm, row["shown_mm"], row["pixel_mm"]),
     }
 

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import csv
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from simrig.core.colour import LUMINANCE, decode_srgb
+from simrig.core.colour import LUMINANCE, decode_srgb, encode_srgb
+from simrig.perception.features import (
+    WINDOW,
+    contrast,
+    luminance,
+    perceptual_difference,
+    structural_difference,
+)
 from simrig.perception.observer import BANDS, Observer, band_contrasts
+from simrig.perception.saliency import luminance_contrast, saliency, texture_contrast
+from simrig.perception.sensitivity import pixels_per_degree
 from simrig.scenes.cylinder_layout import ROWS, columns
 from simrig.scenes.perspective import focal_pixels
 from simrig.scenes.receding_cylinders import HALF_HEIGHT
@@ -25,13 +35,14 @@ class Looks:
         self._seen: dict[str, tuple[np.ndarray, int]] = {}
 
     @cached_property
-    def _row(self) -> str | None:
+    def row(self) -> str | None:
+        """The thesis's arrangement that the pictures show, if it is one."""
         count = len(self._design.distances_m)
         return next((name for name, row in ROWS.items() if row.count == count), None)
 
     def answer(self, stimulus: Stimulus, observer: Observer, rng: np.random.Generator) -> int:
         """Return what an observer answers; by chance where pictures show no cylinders of ours."""
-        if self._row is None or len(stimulus.pictures) != 1:
+        if self.row is None or len(stimulus.pictures) != 1:
             return int(rng.integers(0, len(self._design.answers)))
         contrasts, width = self._contrasts(stimulus.pictures[0])
         pixel = self._design.display.width_mm / width
@@ -39,7 +50,7 @@ class Looks:
 
     def look_at_all(self) -> None:
         """Look at every picture now."""
-        if self._row is not None:
+        if self.row is not None:
             for stimulus in self._design.asked:
                 self._contrasts(stimulus.pictures[0])
 
@@ -47,7 +58,7 @@ class Looks:
         """Return contrasts by cylinder and band, and the width of the picture in pixels."""
         if name not in self._seen:
             grey = _luminance(self._folder / PICTURES / name)
-            self._seen[name] = _by_cylinder(grey, str(self._row)), grey.shape[1]
+            self._seen[name] = _by_cylinder(grey, str(self.row)), grey.shape[1]
         return self._seen[name]
 
 
@@ -63,15 +74,59 @@ def _luminance(path: Path) -> np.ndarray:
     return decode_srgb(np.arange(256) / 255.0).astype(np.float32)[read[..., ::-1]] @ LUMINANCE
 
 
-def _by_cylinder(grey: np.ndarray, experiment: str) -> np.ndarray:
+def _halves(grey: np.ndarray, experiment: str, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the inner part of a cylinder's upper and lower half."""
     row = ROWS[experiment]
     height, width = grey.shape
-    found = np.zeros((row.count, len(BANDS) - 1))
-    for number, (left, right) in enumerate(zip(*columns(row, width), strict=True)):
-        half = HALF_HEIGHT / row.distances_mm[number] * focal_pixels(height) * _INNER
-        middle, rows = height // 2, int(half)
-        inset = 0.5 * (1.0 - _INNER) * (right - left)
-        across = slice(int(np.ceil(left + inset)), int(right - inset))
-        plain = grey[middle - rows : middle - 1, across].mean(axis=0, keepdims=True)
-        found[number] = band_contrasts(grey[middle + 1 : middle + rows, across], plain)
+    left, right = (float(side[number]) for side in columns(row, width))
+    half = HALF_HEIGHT / row.distances_mm[number] * focal_pixels(height) * _INNER
+    middle, rows = height // 2, int(half)
+    inset = 0.5 * (1.0 - _INNER) * (right - left)
+    across = slice(int(np.ceil(left + inset)), int(right - inset))
+    return grey[middle - rows : middle - 1, across], grey[middle + 1 : middle + rows, across]
+
+
+def _by_cylinder(grey: np.ndarray, experiment: str) -> np.ndarray:
+    found = np.zeros((ROWS[experiment].count, len(BANDS) - 1))
+    for number in range(len(found)):
+        upper, lower = _halves(grey, experiment, number)
+        found[number] = band_contrasts(lower, upper.mean(axis=0, keepdims=True))
     return found
+
+
+def write_features(folder: Path, design: Design, to: Path) -> None:
+    """Write the features of thesis Table 3.1 of every picture's nearest cylinder.
+
+    Its lower half beside its upper one, as a display shows them; nothing is written where pictures
+    show no cylinders of ours, or fewer pixels than the features' windows.
+    """
+    looks = Looks(folder, design)
+    if looks.row is None:
+        return
+    rows = []
+    for stimulus in design.asked:
+        path = folder / PICTURES / stimulus.pictures[0]
+        if not path.is_file():
+            return
+        grey = encode_srgb(_luminance(path))
+        plain, textured = _halves(grey, looks.row, 0)
+        if min(plain.shape) < WINDOW or stimulus.role != "test":
+            continue
+        degree = pixels_per_degree(
+            design.display.width_mm / grey.shape[1], 1000.0 * design.display.viewing_m
+        )
+        found = {
+            "luminance": luminance(textured),
+            "contrast": contrast(plain, textured),
+            "1-SSIM": structural_difference(plain, textured),
+            "FLIP": perceptual_difference(plain, textured, degree),
+            "luminance_contrast": luminance_contrast(textured),
+            "texture_contrast": texture_contrast(textured),
+            "saliency": saliency(textured),
+        }
+        rows.append({"stimulus": stimulus.id, **found})
+    if rows:
+        with to.open("w", newline="", encoding="utf-8") as handle:
+            writer = csv.DictWriter(handle, list(rows[0]))
+            writer.writeheader()
+            writer.writerows({row["stimulus"]: row for row in rows}.values())

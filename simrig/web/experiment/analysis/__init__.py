@@ -1,0 +1,1 @@
+"""From exported answers to distances, fits, correlations and figures."""
