@@ -79,7 +79,11 @@ def serve(
     from simrig.web.listen import listening, origins_of
 
     sock = listening(host, port)
-    server = prepared(folder, sock, database, public)
+    try:
+        server = prepared(folder, sock, database, public)
+    except BaseException:
+        sock.close()
+        raise
     origin = origins_of(sock)[0]
     publish = (
         f"published as {public}"
@@ -218,19 +222,21 @@ def _shown(results: dict[str, Any]) -> list[Any]:
     )
     shown: list[Any] = [f"{results['observers']}: {results['subjects']} subjects; {counts}"]
     if "groups" in results:
-        columns = ("group", "answers", "mean / m", "d25 / m", "d50 / m", "fit p")
+        columns = ("group", "answers", "mean / m", "d25 / m", "d50 / m", "extrapolated", "fit p")
         rows = [
             (
                 name,
                 row["answers"],
-                *(_number(row[key]) for key in ("mean_m", "d25_m", "d50_m", "goodness_p")),
+                *(_number(row[key]) for key in ("mean_m", "d25_m", "d50_m")),
+                "yes" if row["extrapolated"] else "",
+                _number(row["goodness_p"]),
             )
             for name, row in results["groups"].items()
         ]
         shown.append(frame.table(columns, rows))
     if "choices" in results:
-        columns = ("stimulus", "answers", "first chosen", "95 %")
-        rows = [
+        heads = ("stimulus", "answers", "first chosen", "95 %")
+        chosen = [
             (
                 name,
                 row["answers"],
@@ -239,7 +245,7 @@ def _shown(results: dict[str, Any]) -> list[Any]:
             )
             for name, row in results["choices"].items()
         ]
-        shown.append(frame.table(columns, rows))
+        shown.append(frame.table(heads, chosen))
     return shown
 
 

@@ -90,7 +90,7 @@ def drawn_observer(rng: np.random.Generator) -> Observer:
 
 
 # above the formula's: structure is looked for beside shading, not flickering in a grating
-_TYPICAL = 2.0
+_TYPICAL = 3.0
 
 
 def band_contrasts(textured: np.ndarray, plain: np.ndarray) -> np.ndarray:

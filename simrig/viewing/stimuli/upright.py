@@ -150,17 +150,18 @@ def _turned(texture: UprightTexture, rotation_deg: float) -> UprightTexture:
     quarters, rest = divmod(rotation_deg, 90.0)
     if rest == 0.0:
         turned = np.ascontiguousarray(np.rot90(texture.radiance, int(quarters), axes=(2, 3)))
-        return UprightTexture(turned, texture.texel_mm[:: -1 if quarters % 2 else 1])
+        across, up = texture.texel_mm
+        return UprightTexture(turned, (up, across) if quarters % 2 else (across, up))
     step = max(_STEP_MM, *texture.texel_mm)
-    across, up = (math.ceil(side / step) for side in (np.pi * CYLINDER_RADIUS, HALF_HEIGHT))
-    x, y = np.meshgrid((np.arange(across) + 0.5) * step, (up - np.arange(up) - 0.5) * step)
+    wide, high = (math.ceil(side / step) for side in (np.pi * CYLINDER_RADIUS, HALF_HEIGHT))
+    x, y = np.meshgrid((np.arange(wide) + 0.5) * step, (high - np.arange(high) - 0.5) * step)
     cosine, sine = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
     height, width = texture.radiance.shape[2:4]
     # where the tile has what is seen here, in texels from the centre of its first one
     right = (cosine * x + sine * y) / texture.texel_mm[0] - 0.5
     down = height - (cosine * y - sine * x) / texture.texel_mm[1] - 0.5
     where = (np.mod(right, width).astype(np.float32), np.mod(down, height).astype(np.float32))
-    found = np.empty((*texture.radiance.shape[:2], up, across, 3), dtype=np.float32)
+    found = np.empty((*texture.radiance.shape[:2], high, wide, 3), dtype=np.float32)
     for index in np.ndindex(*found.shape[:2]):
         tile = np.pad(texture.radiance[index], ((0, 1), (0, 1), (0, 0)), mode="wrap")
         found[index] = cv2.remap(tile, *where, cv2.INTER_LINEAR)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +17,19 @@ from simrig.web.experiment.design import Design, read_design, write_design
 from simrig.web.experiment.looking import write_features
 
 ANSWERS = (
-    "subject",
-    "order",
-    "stimulus",
-    "material",
-    "group",
-    "structure_mm",
-    "rotation_deg",
-    "role",
+    *("subject", "order", "stimulus", "material", "group", "structure_mm", "rotation_deg", "role"),
+    *("repeat", "answer", "label", "rt_ms", "shown_mm", "pixel_mm", "k_max", "blurred"),
 )
-ANSWERS += ("repeat", "answer", "label", "rt_ms", "shown_mm", "pixel_mm", "k_max", "blurred")
-SUBJECTS = ("subject", "observer", "day", "consent_version", "finished", "answers", "place")
-SUBJECTS += ("first_mm", "second_mm", "card_mm", "pixel_mm", "ratio", "viewport_x", "viewport_y")
-SUBJECTS += ("calibrations", "panel_id")
+SUBJECTS = (
+    *("subject", "observer", "day", "consent_version", "finished", "answers", "place"),
+    *("first_mm", "second_mm", "card_mm", "pixel_mm", "ratio", "viewport_x", "viewport_y"),
+    *("calibrations", "panel_id"),
+)
 
 
-def opened(folder: Path, database: str | None) -> tuple[Design, sql.Engine]:
-    """Return the design and the database of an experiment that has answers.
+@contextmanager
+def opened(folder: Path, database: str | None) -> Iterator[tuple[Design, sql.Engine]]:
+    """Give the design and the database of an experiment that has answers.
 
     Raises:
         SimrigError: no answers yet, or what ``read_design`` and ``prepare`` refuse.
@@ -41,8 +38,13 @@ def opened(folder: Path, database: str | None) -> tuple[Design, sql.Engine]:
     if database is None and not (folder / store.FILE).is_file():
         raise SimrigError(f"'{folder}' has no answers yet: simrig experiment serve {folder}")
     engine = store.engine_of(folder, database)
-    store.prepare(engine, sessions.fingerprint(design))
-    return design, engine
+    try:
+        store.prepare(engine, sessions.fingerprint(design))
+        yield design, engine
+    except SQLAlchemyError as error:
+        raise SimrigError(f"the database does not answer: {store.one_line(error)}") from None
+    finally:
+        engine.dispose()
 
 
 def write_tables(folder: Path, to: Path, database: str | None) -> dict[str, int]:
@@ -54,33 +56,13 @@ def write_tables(folder: Path, to: Path, database: str | None) -> dict[str, int]
     Raises:
         SimrigError: see ``opened``.
     """
-    design, engine = opened(folder, database)
-    try:
-        with engine.begin() as connection:
-            subjects = (
-                connection.execute(sql.select(store.subjects).order_by(store.subjects.c.id))
-                .mappings()
-                .all()
-            )
-            answers = (
-                connection.execute(
-                    sql.select(store.answers).order_by(
-                        store.answers.c.subject, store.answers.c.trial
-                    )
-                )
-                .mappings()
-                .all()
-            )
-            calibrations = (
-                connection.execute(
-                    sql.select(store.calibrations).order_by(store.calibrations.c.number)
-                )
-                .mappings()
-                .all()
-            )
-            panel = dict(connection.execute(sql.select(store.panel)).tuples().all())
-    except SQLAlchemyError as error:
-        raise SimrigError(f"the database does not answer: {store.one_line(error)}") from None
+    with opened(folder, database) as (design, engine), engine.begin() as connection:
+        subjects = _rows(connection, sql.select(store.subjects).order_by(store.subjects.c.id))
+        order = store.answers.c.subject, store.answers.c.trial
+        answers = _rows(connection, sql.select(store.answers).order_by(*order))
+        table = store.calibrations
+        calibrations = _rows(connection, sql.select(table).order_by(table.c.number))
+        panel = {r["subject"]: r["panel_id"] for r in _rows(connection, sql.select(store.panel))}
     stimuli = {s.id: s for s in design.stimuli}
     own: dict[int, list[Any]] = {}
     for row in calibrations:
@@ -111,6 +93,10 @@ def write_tables(folder: Path, to: Path, database: str | None) -> dict[str, int]
     write_design(to, design)
     write_features(folder, design, to / "features.csv")
     return {"answers": len(answers), "subjects": len(subjects)}
+
+
+def _rows(connection: sql.Connection, query: sql.Select[Any]) -> list[Any]:
+    return list(connection.execute(query).mappings().all())
 
 
 def _answer(row: Any, stimuli: dict[str, Any], design: Design) -> dict[str, Any]:
@@ -159,10 +145,10 @@ def delete_subject(folder: Path, subject: int, database: str | None) -> None:
     Raises:
         SimrigError: no such subject, or see ``opened``.
     """
-    _, engine = opened(folder, database)
-    with engine.begin() as connection:
-        found = sessions.delete(subject, connection)
-        connection.info.pop(store.DELETED, None)
-    if not found:
-        raise SimrigError(f"there is no subject {subject}: see subjects.csv of an export")
-    store.forget(engine)
+    with opened(folder, database) as (_, engine):
+        with engine.begin() as connection:
+            found = sessions.delete(subject, connection)
+            connection.info.pop(store.DELETED, None)
+        if not found:
+            raise SimrigError(f"there is no subject {subject}: see subjects.csv of an export")
+        store.forget(engine)

@@ -70,7 +70,7 @@ class Client:
             try:
                 status, said, wait, took = self._once(method, path, data, headers)
             except (OSError, http.client.HTTPException):
-                self._connection = None
+                self.close()
                 with self._tally.lock:
                     self._tally.retries += 1
                 time.sleep(0.1)
@@ -84,6 +84,12 @@ class Client:
                 return status, said
             time.sleep(wait)
         raise SimrigError(f"the server did not answer {method} {path} for {_GIVE_UP_S:g} s")
+
+    def close(self) -> None:
+        """Close the connection; the next request opens another."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
 
     def _once(
         self, method: str, path: str, data: bytes | None, headers: dict[str, str]
@@ -194,27 +200,30 @@ class Server:
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
-        assert self._process.stdout is not None and self._process.stderr is not None
+        assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout], [], [], _STARTS_S)
         line = self._process.stdout.readline().strip() if ready else ""
         if not line.startswith("http"):
             self._process.kill()
-            said = self._process.stderr.read().strip().splitlines()[-1:] or ["nothing"]
+            said = self._process.communicate()[1].strip().splitlines()[-1:] or ["nothing"]
             raise SimrigError(f"the server did not start: {said[0].removeprefix('error: ')}")
         return line.rstrip("/")
 
     def kill(self) -> None:
         """Kill it and start it again where it was."""
         assert self._process is not None
-        self._process.send_signal(signal.SIGKILL)
-        self._process.wait()
+        self._end(signal.SIGKILL)
         self._start(int(self.origin.rpartition(":")[2]))
 
     def stop(self) -> None:
         """End it."""
-        if self._process is not None and self._process.poll() is None:
-            self._process.send_signal(signal.SIGTERM)
-            self._process.wait(10)
+        if self._process is not None:
+            self._end(signal.SIGTERM)
+
+    def _end(self, how: signal.Signals) -> None:
+        assert self._process is not None
+        self._process.send_signal(how)
+        self._process.communicate(timeout=30)  # which closes what it said
 
 
 def run_load(
@@ -264,7 +273,11 @@ def run_load(
 
     def subject(number: int) -> None:
         client = Client(address, tally)
-        Subject(client, tally, design, looks, hash((seed, number)) % 2**32).take_part(think_s, one)
+        own = hash((seed, number)) % 2**32
+        try:
+            Subject(client, tally, design, looks, own).take_part(think_s, one)
+        finally:
+            client.close()
 
     begun = time.monotonic()
     try:
@@ -313,11 +326,10 @@ def run_load(
 
 def _stored(folder: Path, database: str | None, tally: Tally) -> dict[tuple[str, int], Any]:
     """Return the rows of the subjects of a tally, by hashed token and trial."""
-    _, engine = opened(folder, database)
     joined = sql.select(store.subjects.c.token, store.answers).join(
         store.answers, store.answers.c.subject == store.subjects.c.id
     )
-    with engine.begin() as connection:
+    with opened(folder, database) as (_, engine), engine.begin() as connection:
         rows = connection.execute(joined).mappings().all()
     tokens = {token for token, _ in tally.acknowledged}
     return {(row["token"], row["trial"]): row for row in rows if row["token"] in tokens}

@@ -38,7 +38,11 @@ def prepared(
         raise SimrigError(f"--public is an origin such as https://lab.example, got '{public}'")
     design = read_design(folder)
     engine = engine_of(folder, database)
-    prepare(engine, fingerprint(design))
+    try:
+        prepare(engine, fingerprint(design))
+    except SimrigError:
+        engine.dispose()
+        raise
     origins = origins_of(sock, public)
 
     def serve() -> None:

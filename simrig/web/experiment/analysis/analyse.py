@@ -19,6 +19,7 @@ from simrig.web.experiment.analysis.tables import Answers, beyond_pixels, read_a
 LAPSES = ("none", "shared")
 _WITHIN_M = 0.2  # for the number of subjects that is needed
 _GOODNESS_RUNS = 200
+_HEADLINE = ("d25_m", "d50_m", "extrapolated", "goodness_p")
 
 
 def analyse_tables(
@@ -189,7 +190,7 @@ def _groups(
             **{
                 key: own[key] for key in ("answers", "beyond_pixels", "mean_m", "sd_m", "mean_rt_s")
             },
-            **{key: headline.get(key) for key in ("d25_m", "d50_m", "goodness_p")},
+            **{key: headline.get(key) for key in _HEADLINE},
             "subjects_for_0_2_m": _needed(headline, count),
             "fits": fits,
         }
@@ -222,6 +223,7 @@ def _fitted(
         "slope": function.slope,
         "lapses": rate,
         **{f"d{100 * level:.0f}_m": function.distance(level) for level in LEVELS},
+        "extrapolated": not distances[0] <= function.distance(0.5) <= distances[-1],
     }
     if not len(weights):
         return said | {"goodness_p": None}

@@ -92,8 +92,11 @@ def read_answers(folder: Path, observers: str) -> Answers:
 
 
 def beyond_pixels(row: dict[str, Any]) -> bool:
-    """Return whether an answer names a cylinder that the screen could not show (B.3)."""
-    return row["k_max"] is not None and row["answer"] >= row["k_max"]
+    """Return whether an answer names a cylinder that the screen could not show well (B.3).
+
+    Where it could show all of them, the last one is an answer like any other.
+    """
+    return row["k_max"] is not None and row["answer"] >= row["k_max"] and not row["all_shown"]
 
 
 def _calibrated(subject: dict[str, Any]) -> bool:
@@ -165,6 +168,7 @@ def _answer(row: dict[str, str], design: Design) -> dict[str, Any]:
         "rt_ms": float(row["rt_ms"]),
         "shown_mm": float(row["shown_mm"]),
         "k_max": int(row["k_max"]) if row["k_max"] else None,
+        "all_shown": row["k_max"] == str(len(design.distances_m)),
     }
 
 
