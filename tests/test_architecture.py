@@ -141,6 +141,9 @@ def undocumented(module: ModuleType) -> Iterator[str]:
 
 @pytest.mark.parametrize("name", module_names())
 def test_everything_public_is_documented(name: str) -> None:
+    if name.startswith("simrig.web"):
+        for package in ("fastapi", "sqlalchemy"):
+            pytest.importorskip(package, reason=f"'make install' brings {package}")
     module = importlib.import_module(name)
     assert module.__doc__
     assert list(undocumented(module)) == []
