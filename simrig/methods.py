@@ -21,9 +21,11 @@ from simrig.core.gamut import KEEP
 from simrig.core.options import Option, checked_options
 from simrig.plans.auto.plan import LEAST_SAMPLES
 from simrig.plans.large_sample import LargeSamplePlan
+from simrig.plans.minimal import DATABASE, MinimalPlan
 from simrig.plans.protocol import Plan
 from simrig.plans.registry import PLANS, plan_type
 from simrig.plans.visible_normals import LEAST_SAMPLES as LEAST_OF_GRIDS
+from simrig.reconstruction.basis.method import ALL_SOLVERS, PROCESS, reconstruct_from_basis
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.reconstruction.kriging import reconstruct_kriging
 from simrig.reconstruction.result import Reconstructed as Reconstructed
@@ -159,12 +161,9 @@ class Method:
     ) -> MethodResult:
         """Measure a material by the method's own plan and reconstruct it.
 
-        Where the plan cannot take exactly the samples that were wished, it takes the most that it
-        can below.
-
         Args:
             material: the truth, which the reconstruction does not see.
-            samples: that are wished.
+            samples: that are wished; the plan takes the most that it can below.
             rigs: in the place of those that come with simrig, for the methods made for them.
             tolerance: chooses the effects that the rig simulates, if it can; none unless given.
             progress: called with the number of samples done and in total.
@@ -372,6 +371,15 @@ _ALL = (
         any_plan=True,
         linear=True,
     ),
+    Method(
+        "basis",
+        "few samples and a database: its rotation-stationary process, or ridge (7.2)",
+        reconstruct_from_basis,
+        MinimalPlan.name,
+        least_samples=1,
+        any_plan=True,
+        options=(DATABASE, Option("solver", str, "Of the basis.", PROCESS, ALL_SOLVERS)),
+    ),
     *(
         Method(
             which,
@@ -388,3 +396,5 @@ _ALL = (
 
 METHODS: dict[str, Method] = {entry.name: entry for entry in _ALL}
 """Every method. A new one is one more entry."""
+ALONE = [name for name, entry in METHODS.items() if not plan_type(entry.plan_name).needs]
+"""Those that need nothing but a material."""

@@ -61,6 +61,23 @@ def in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture(scope="session")
+def small_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a user's own folder of four BRDFs, one of them in a folder of its own."""
+    from simrig.brdf import kurt_material
+    from simrig.brdf.tables.resample import resample_dense
+    from simrig.files.hdf5 import write_brdf
+
+    place = tmp_path_factory.mktemp("mine")
+    (place / "satins").mkdir()
+    for name in ("fabric112", "purple_satin", "fabric002", "fabric041"):
+        where = place / "satins" if "satin" in name else place
+        table = resample_dense(kurt_material(name), np.radians(15.0), 24, np.radians(75.0))
+        write_brdf(where / f"{name}.h5", table)
+    (place / "notes.txt").write_text("not a material")
+    return place
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """Return a random generator with a fixed seed."""

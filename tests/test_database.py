@@ -37,16 +37,9 @@ def _table(name: str) -> DenseTable:
     return resample_dense(kurt_material(name), STEP, 24, np.radians(75.0))
 
 
-@pytest.fixture(scope="session")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A user's own folder: four materials as tables, one in a folder of its own."""
-    place = tmp_path_factory.mktemp("mine")
-    (place / "satins").mkdir()
-    for name in NAMES:
-        where = place / "satins" if "satin" in name else place
-        write_brdf(where / f"{name}.h5", _table(name))
-    (place / "notes.txt").write_text("not a material")
-    return place
+@pytest.fixture
+def folder(small_database: Path) -> Path:
+    return small_database
 
 
 def test_the_collection_counts_as_table_a2() -> None:

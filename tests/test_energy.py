@@ -28,7 +28,7 @@ from simrig.directions import to_vector
 from simrig.directions.schemes import scheme
 from simrig.files.rgl.reader import read_rgl
 from simrig.files.rgl.writer import RglResolution, write_rgl
-from simrig.methods import METHODS
+from simrig.methods import ALONE, METHODS
 
 WHITE = 1.0 / np.pi
 VIEWS_DEG = (0.0, 35.0, 65.0)
@@ -96,7 +96,7 @@ def test_a_white_furnace_stays_white(name, tmp_path):
 def of_methods() -> list:
     """Return the methods as parameters, those that take seconds marked slow."""
     slow = pytest.mark.slow
-    return [pytest.param(name, marks=slow if name in SLOW else ()) for name in METHODS]
+    return [pytest.param(name, marks=slow if name in SLOW else ()) for name in ALONE]
 
 
 BRIGHT = Ward((0.6, 0.6, 0.6), (0.35, 0.35, 0.35), 0.3, 0.6, name="bright")

@@ -33,6 +33,7 @@ RIG = Gonioreflectometer()
 PLAN_OPTIONS: dict[str, dict[str, object]] = {
     "directions": {"pairs": "pairs.txt"},
     "tailored": {"axes": "30,120"},
+    "minimal": {"database": "mine", "samples": 24},
     "large-sample": {"centres": "2", "spacing_mm": 138.0, "oblique_azimuths": 2},
 }
 RIGS_OF = {"large-sample": "utia-large"}  # plans that the sample of 30 mm is too small for
@@ -98,8 +99,9 @@ def test_a_plan_of_ones_own_is_an_addition(
 
 @pytest.mark.parametrize("name", QUICK_PLANS)
 def test_every_plan_is_measured_saved_and_restored(
-    name: str, tmp_path: Path, in_empty_folder: None
+    name: str, tmp_path: Path, in_empty_folder: None, small_database: Path
 ) -> None:
+    Path("mine").symlink_to(small_database)
     Path("pairs.txt").write_text("10 20 30 40\n1, 2; 3 4  # a comment\n\n0 0 0 0\n")
     material = kurt_material("wood01")
     plan = make_plan(name, material, **PLAN_OPTIONS.get(name, {}))
@@ -118,8 +120,11 @@ def test_every_plan_is_measured_saved_and_restored(
 
 
 @pytest.mark.parametrize("name", QUICK_PLANS)
-def test_a_plan_sent_the_same_values_asks_the_same(name: str, in_empty_folder: None) -> None:
+def test_a_plan_sent_the_same_values_asks_the_same(
+    name: str, in_empty_folder: None, small_database: Path
+) -> None:
     """What a checkpoint relies on."""
+    Path("mine").symlink_to(small_database)
     Path("pairs.txt").write_text("10 20 30 40\n")
     plan = make_plan(name, **PLAN_OPTIONS.get(name, {}))
     asked: list[list[np.ndarray]] = []

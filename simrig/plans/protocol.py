@@ -65,6 +65,7 @@ class Plan(ABC):
         adaptive: whether directions depend on what was recorded, which costs the rig time.
         pictures: whether the rig must record pictures and not values alone.
         logarithms: whether it works with the logarithms of values, so that none may be negative.
+        needs: options that have no default.
     """
 
     name: ClassVar[str]
@@ -74,6 +75,7 @@ class Plan(ABC):
     adaptive: ClassVar[bool] = False
     pictures: ClassVar[bool] = False
     logarithms: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ()
 
     @property
     def one_order(self) -> bool:

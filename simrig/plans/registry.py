@@ -12,6 +12,7 @@ from simrig.plans.auto.plan import AutomaticPlan
 from simrig.plans.gantry import GantryPlan
 from simrig.plans.large_sample import LargeSamplePlan
 from simrig.plans.listed import Directions, SchemePlan
+from simrig.plans.minimal import MinimalPlan
 from simrig.plans.protocol import Plan
 from simrig.plans.tailored import TailoredPlan
 from simrig.plans.uniform import RegularGrid, UniformPlan
@@ -32,6 +33,7 @@ PLANS: dict[str, type[Plan]] = {
         VisibleNormalsPlan,
         TailoredPlan,
         LargeSamplePlan,
+        MinimalPlan,
         Directions,
     )
 }

@@ -32,7 +32,7 @@ from simrig.evaluation.studies.pareto.choice import summarise_rows
 from simrig.evaluation.studies.pareto.shown import plots, table
 from simrig.files.load import load_material
 from simrig.instruments.description import described
-from simrig.methods import METHODS, method
+from simrig.methods import ALONE, METHODS, method
 from simrig.rendering.render import timed
 from simrig.rigs.fingerprint import fingerprint
 from simrig.rigs.registry import find_description, rig_of
@@ -68,7 +68,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "full": {
         **_STUDIED,
         "materials": ["purple_satin", "yellow_satin", "fabric112"],
-        "methods": list(METHODS),
+        "methods": ALONE,
         "samples": list(SAMPLES),
     },
 }
@@ -85,7 +85,7 @@ def configuration(
 
     Args:
         materials: names or files.
-        methods: keys of ``METHODS``; all of them when none is given.
+        methods: keys of ``METHODS``; all that need no database when none is given.
         samples: wished numbers of samples.
         rigs: names or instrument files, at most one of each kind, for the methods that are measured
             by this kind; the others are measured by those that come with simrig.
@@ -98,7 +98,7 @@ def configuration(
     if not materials or not samples or min(samples) < 1:
         raise SimrigError("at least one material and one number of samples above 0 are needed")
     names = list(dict.fromkeys(materials))
-    chosen = [method(name).name for name in dict.fromkeys(methods)] or list(METHODS)
+    chosen = [method(name).name for name in dict.fromkeys(methods)] or ALONE
     instruments = [find_description(rig) for rig in rigs]
     kinds = [one.instrument.kind for one in instruments]
     for kind in kinds:
