@@ -347,3 +347,38 @@ def test_a_symmetry_is_contradicted_where_images_differ(brdf, differs):
     model = fit_model(samples_of(brdf, 150), Symmetry(isotropic=True, mirror=True, half_turn=True))
     assert contradicted(model, "reciprocal") is differs
     assert not contradicted(model, "mirror")
+
+
+class Ends(OneWay):
+    """A BRDF whose data end at 72°: 0 beyond."""
+
+    def look_up(self, wi, wv, tables):
+        lit = np.minimum(wi[:, 2], wv[:, 2]) > np.cos(np.radians(72.0))
+        return super().look_up(wi, wv, tables) * lit[:, None]
+
+
+def test_data_that_end_before_the_rig_does_are_black_beyond_and_not_smeared(tmp_path):
+    brdf = Ends()
+    samples = samples_of(brdf, 400)
+    lit = samples.lit()
+    assert lit.dark_beyond and lit.values.min() > 0.0
+    assert np.degrees(lit.theta_i_max) == pytest.approx(72.0, abs=0.5)
+    path = tmp_path / "table.h5"
+    write_brdf(path, tabulated(fit_model(lit, Symmetry(True, half_turn=True)), "ends"))
+    table = read_brdf(path)
+    wi, wv = even_pairs(2000, np.radians(88.0), np.radians(88.0), 6)
+    beyond = np.minimum(wi[:, 2], wv[:, 2]) < np.cos(np.radians(72.5))
+    before = np.minimum(wi[:, 2], wv[:, 2]) > np.cos(np.radians(71.0))
+    got, truth = table.eval(wi, wv), brdf.eval(wi, wv)
+    assert np.all(got[beyond] == 0.0)
+    assert np.abs(np.log(got[before] / truth[before])).mean() < 0.02
+    assert evaluate(table, wi, wv, dr.llvm.ad.Float64) == pytest.approx(got, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("brdf", [Ward(m_x=0.2, m_y=0.2), Lambert((0.0, 0.0, 0.0)), OneWay()])
+def test_data_that_do_not_end_are_kept_whole(brdf):
+    samples = samples_of(brdf, 200)
+    assert samples.lit() is samples
+    dark = samples.values * (np.arange(200) % 3 > 0)[:, None]  # black here and there, not beyond
+    spotted = Samples.of(samples.wi, samples.wv, dark, REACH, REACH)
+    assert spotted.lit() is spotted

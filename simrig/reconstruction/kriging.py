@@ -39,7 +39,7 @@ def reconstruct_kriging(measurement: Measured) -> Reconstructed:
     Raises:
         SimrigError: fewer than two samples.
     """
-    samples = samples_of(measurement)
+    samples = samples_of(measurement).lit()
     if has_findings(measurement.layout):
         findings = findings_of(measurement.layout)
         model = final_model(samples, findings.symmetry)
@@ -47,6 +47,9 @@ def reconstruct_kriging(measurement: Measured) -> Reconstructed:
     else:
         model = choose_model(samples, final=True)
         said = [f"{model.symmetry.describe()} (by left-out samples)"]
+    if samples.dark_beyond:
+        end = np.degrees(max(samples.theta_i_max, samples.theta_v_max))
+        said.append(f"black beyond {end:.1f}°, where nothing but 0 was measured")
     table = tabulated(model, measurement.material)
     return Reconstructed(table, table.stored_bytes, (*said, nodes_in_words(table)))
 
@@ -102,6 +105,7 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
         name,
         stretch_d,
         _curve(model),
+        model.samples.dark_beyond,
     )
 
 

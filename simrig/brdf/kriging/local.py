@@ -94,9 +94,8 @@ def predict(
 
 def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the distances (…, k, p) of vectors (…, k, f) and (…, p, f)."""
-    squares = a @ b.swapaxes(-1, -2)
-    squares *= -2.0
-    squares += (a * a).sum(-1)[..., :, None]
-    squares += (b * b).sum(-1)[..., None, :]
+    squares = (-2.0 * a) @ b.swapaxes(-1, -2)
+    squares += np.einsum("...f,...f", a, a)[..., :, None]
+    squares += np.einsum("...f,...f", b, b)[..., None, :]
     np.maximum(squares, 0.0, out=squares)
     return np.asarray(np.sqrt(squares, out=squares))

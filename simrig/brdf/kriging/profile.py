@@ -10,8 +10,8 @@ likelihood, in which each sample is compared with what samples before it predict
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -81,20 +81,39 @@ def fit_profile(
     gram, sides, squares = seen.T @ seen, seen.T @ misses, (misses**2).sum(axis=0)
     squares = squares + 1e-12 * len(own)
     nothing = 0.5 * len(own) * np.log(squares).sum()
-    best: np.ndarray | None = None
-    least = nothing - _CLEARLY
-    for deviation, length in product(_DEVIATIONS, _LENGTHS):
+
+    def tried(place: tuple[int, int]) -> tuple[float, np.ndarray]:
+        """Return how unlikely the samples are with a deviation and a length, and the curve."""
+        deviation, length = _DEVIATIONS[place[0]], _LENGTHS[place[1]]
         precision, log_det = _precision(nodes, length)
-        precision = precision / deviation**2
-        log_det -= 2.0 * nodes * np.log(deviation)
-        factor = cho_factor(precision + gram)
+        factor = cho_factor(precision / deviation**2 + gram)
         curve = cho_solve(factor, sides)
         left = squares - (sides * curve).sum(axis=0)
         unlikely = 0.5 * len(own) * np.log(np.maximum(left, 1e-300)).sum()
-        unlikely += 1.5 * (2.0 * np.log(np.diag(factor[0])).sum() - log_det)
-        if unlikely < least:
-            best, least = curve, unlikely
-    return None if best is None else Profile(stretch, best)
+        log_det -= 2.0 * nodes * np.log(deviation)
+        return unlikely + 1.5 * (2.0 * np.log(np.diag(factor[0])).sum() - log_det), curve
+
+    least, curve = _lowest(tried)
+    return Profile(stretch, curve) if least < nothing - _CLEARLY else None
+
+
+def _lowest(
+    tried: Callable[[tuple[int, int]], tuple[float, np.ndarray]],
+) -> tuple[float, np.ndarray]:
+    """Return what is lowest over deviations and lengths, downhill from the middle: one valley."""
+    sizes = len(_DEVIATIONS), len(_LENGTHS)
+    at = (sizes[0] // 2, sizes[1] // 2)
+    found = {at: tried(at)}
+    while True:
+        for step in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            beside = at[0] + step[0], at[1] + step[1]
+            inside = 0 <= beside[0] < sizes[0] and 0 <= beside[1] < sizes[1]
+            if inside and beside not in found:
+                found[beside] = tried(beside)
+        best = min(found, key=lambda place: found[place][0])
+        if best == at:
+            return found[at]
+        at = best
 
 
 def _place(position: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+_LEAST_DARK = 2  # pairs beyond the end of a material's data that are measured black
+_DARK = 1e-6  # over the median
+_MOST_DARK_WITHIN = 0.1  # of the pairs before the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +20,7 @@ class Samples:
         values: (n, 3) f_r in 1/sr, >= 0.
         theta_i_max, theta_v_max: how far the rig may look, radians.
         again: (n,) whether a pair was measured more than once.
+        dark_beyond: whether what was measured beyond these angles is black, and left out.
     """
 
     wi: np.ndarray
@@ -24,6 +29,7 @@ class Samples:
     theta_i_max: float
     theta_v_max: float
     again: np.ndarray
+    dark_beyond: bool = False
 
     @classmethod
     def of(
@@ -71,5 +77,25 @@ class Samples:
 
     def only(self, kept: np.ndarray) -> Samples:
         """Return some of them, by a mask (n,)."""
-        wi, wv, values = (part[kept] for part in (self.wi, self.wv, self.values))
-        return Samples(wi, wv, values, self.theta_i_max, self.theta_v_max, self.again[kept])
+        arrays = ("wi", "wv", "values", "again")
+        return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
+
+    def lit(self) -> Samples:
+        """Return the samples up to the end of the material's data, if nothing but 0 lies beyond.
+
+        Data files are often 0 from some polar angle on, of light or of view. That step is no
+        structure of the material, and kriging across it would smear it.
+        """
+        thetas = np.arccos(np.clip(np.minimum(self.wi[:, 2], self.wv[:, 2]), -1.0, 1.0))
+        means = self.values.mean(axis=1)
+        lit = means > _DARK * np.median(means)
+        last = float(thetas[lit].max(initial=0.0))
+        beyond = thetas > last
+        few_within = np.count_nonzero(~lit & ~beyond) < _MOST_DARK_WITHIN * np.count_nonzero(lit)
+        if np.count_nonzero(beyond) < _LEAST_DARK or not few_within:
+            return self
+        end = 0.5 * (last + float(thetas[beyond].min()))
+        reach = min(self.theta_i_max, end), min(self.theta_v_max, end)
+        return replace(
+            self.only(~beyond), theta_i_max=reach[0], theta_v_max=reach[1], dark_beyond=True
+        )

@@ -57,6 +57,7 @@ class HalfDifferenceTable(Brdf):
         theta_max: largest polar angle with samples, radians.
         stretch_d: of theta_d.
         profile: (m, 3) the curve, at even steps of the stretched theta_h, or None.
+        dark_beyond: f_r is 0 where a direction lies beyond ``theta_max``.
 
     Raises:
         SimrigError: shape or values that cannot be.
@@ -75,6 +76,7 @@ class HalfDifferenceTable(Brdf):
         name: str = "half_difference",
         stretch_d: Stretch = EVEN,
         profile: np.ndarray | None = None,
+        dark_beyond: bool = False,
     ):
         logs = np.asarray(logs, dtype=np.float32)
         if logs.ndim != 5 or logs.shape[4] != 3 or min(logs.shape[0], *logs.shape[2:4]) < 2:
@@ -102,6 +104,7 @@ class HalfDifferenceTable(Brdf):
         self.stretch_d, self.profile = stretch_d, None if profile is None else read_only(curve)
         self.floor, self.power, self.name = float(floor), int(power), name
         self.theta_max, self.reciprocal = float(theta_max), symmetry.reciprocal
+        self.dark_beyond = bool(dark_beyond)
 
     @property
     def stored_bytes(self) -> int:
@@ -120,6 +123,7 @@ class HalfDifferenceTable(Brdf):
             "floor": self.floor,
             "power": self.power,
             "theta_max": self.theta_max,
+            "dark_beyond": self.dark_beyond,
         }
 
     @classmethod
@@ -136,6 +140,7 @@ class HalfDifferenceTable(Brdf):
             name,
             Stretch(float(structure["width_d"]), float(structure["linear_d"])),
             data.get("profile"),
+            bool(structure.get("dark_beyond", False)),  # absent in files of before
         )
 
     def prepare(self, data: Mapping[str, Array], differentiable: bool = True) -> Logarithms:
@@ -170,8 +175,13 @@ class HalfDifferenceTable(Brdf):
             for node, weight in _nodes(radius * last, len(self.profile), False):
                 logs = multiply_add(tables.profile.read(node), weight, logs)
         value = xp.maximum(xp.exp(logs) - self.floor, 0.0)
+        cos_i, cos_v, last = components(wi)[2], components(wv)[2], math.cos(self.theta_max)
         if self.power:
-            value = scale(value, 1.0 / xp.maximum(components(wi)[2], math.cos(self.theta_max)))
+            value = scale(value, 1.0 / xp.maximum(cos_i, last))
+        if self.dark_beyond:
+            value = scale(
+                value, xp.select(xp.minimum(cos_i, cos_v) >= last, 1.0 + 0.0 * cos_i, 0.0 * cos_i)
+            )
         return value
 
     def _from_axis(self, at: HalfDifference) -> HalfDifference:

@@ -41,6 +41,7 @@ _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
 _SHARE_AGAIN = 0.05  # of a batch, at most, are samples that others contradict
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
+_PAST_THE_END = float(np.radians(1.0))  # of a material's data, to see where it is
 _PROBED = 512  # pairs that pictures show, for the bounds of effects
 
 # yields (n, 4) theta_i, theta_v, phi_i, phi_v in radians, and is sent (n, 3) values of f_r
@@ -213,7 +214,7 @@ class _Run:
         self.taken = len(values)
         self.symmetries.append((self.taken, choice.symmetry))
         samples = Samples.of(pilot.wi, pilot.wv, values, plan.theta_i_max, plan.theta_v_max)
-        model = fit_model(samples, choice.symmetry, evaluations=200)
+        model = fit_model(samples.lit(), choice.symmetry, evaluations=200)
         count = _BATCHES if plan.until is None else _BATCHES_UNTIL
         ends = np.geomspace(self.taken, plan.samples, count + 1).round().astype(int)[1:]
         for number, end in enumerate(ends):
@@ -223,9 +224,10 @@ class _Run:
             if wanted <= 0:
                 continue
             wi, wv = self._batch(model, replace(choice, symmetry=model.symmetry), wanted, number)
-            more = model.samples.with_more(wi, wv, (yield _angles(wi, wv)))
+            samples = samples.with_more(wi, wv, (yield _angles(wi, wv)))
             self.taken += wanted
-            model = fit_model(more, model.symmetry, model.parameters, 100, profile=model.profile)
+            lit, fitted = samples.lit(), (model.symmetry, model.parameters, 100)
+            model = fit_model(lit, *fitted, profile=model.profile)
             model = with_profile(model)
             fully = number in _LOOKS_BACK or (model.symmetry.bivariate and end == ends[-1])
             model = self._looked_back(model, choice.symmetry, seen.bivariate, fully)
@@ -236,7 +238,7 @@ class _Run:
         self, model: KrigingModel, choice: Choice, wanted: int, number: int
     ) -> tuple[np.ndarray, np.ndarray]:
         again = _again(model, wanted)
-        wi, wv = self._candidates(choice.shares, self.taken + wanted, number)
+        wi, wv = self._candidates(choice.shares, model.samples, wanted, number)
         angles = half_difference_angles(wi, wv, model.symmetry.axis)
         free = np.ones(len(wi), dtype=bool)
         chosen = next_batch(model, angles, free, wanted - len(again))
@@ -247,14 +249,17 @@ class _Run:
         return wi[order], wv[order]
 
     def _candidates(
-        self, shares: Shares, measured: int, number: int
+        self, shares: Shares, samples: Samples, wanted: int, number: int
     ) -> tuple[np.ndarray, np.ndarray]:
         plan = self.plan
-        count = max(_CANDIDATES, _CANDIDATES_PER_SAMPLE * measured)
+        count = max(_CANDIDATES, _CANDIDATES_PER_SAMPLE * (self.taken + wanted))
         even, cores = int(shares.even * count), int(shares.cores * count)
         lobes = cores + int(shares.back * count)
         seed = 1000 * plan.seed + 2 * number
         reach = plan.theta_i_max, plan.theta_v_max
+        if samples.dark_beyond:
+            end = max(samples.theta_i_max, samples.theta_v_max) + _PAST_THE_END
+            reach = min(reach[0], end), min(reach[1], end)
         parts = (
             displayed_pairs(count - even - lobes, *reach, seed),
             even_pairs(even, *reach, seed + 1),
