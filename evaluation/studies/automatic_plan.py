@@ -44,11 +44,11 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 def cells(config: Config) -> list[dict[str, Any]]:
-    """Return one cell per material, number of samples and family."""
+    """Return one cell per number of samples, material and family: what is quick comes first."""
     return [
         {"material": material, "samples": samples, "family": family}
-        for material in config["materials"]
         for samples in config["samples"]
+        for material in config["materials"]
         for family in config["families"]
     ]
 
