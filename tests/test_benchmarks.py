@@ -154,10 +154,10 @@ def test_the_whole_array_is_filled_by_every_method_beside_scipy():
 def test_recording_is_timed_beside_mitsuba_and_through_the_chain():
     from simrig.evaluation.benchmarks import recording
 
-    results = recording.run(views=1, alone=2)
+    results = recording.run(views=1, alone=2, whole=1)
     assert [row["name"] for row in results["rows"]] == ["flat", "tile", "mitsuba"]
     assert all(row["seconds_per_picture"] > 0.0 for row in results["rows"])
     chain = results["chain"]
-    assert chain["pictures"] == 80 and chain["whole_pictures"] == 6561
+    assert chain["pictures"] == chain["marks_found"] == 81 and chain["whole_pictures"] == 6561
     assert chain["whole_seconds"] > chain["recording_seconds"] > 0.0
     assert recording.table(results).row_count == 3

@@ -18,7 +18,8 @@ from simrig.evaluation.studies.registration.surfaces import SURFACES
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.images import read_image
 from simrig.files.load import load_material
-from simrig.rigs.imaging.processing import Settings, process_recording
+from simrig.rigs.imaging.chain import Settings
+from simrig.rigs.imaging.processing import process_recording
 
 
 @pytest.fixture(scope="module")

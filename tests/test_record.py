@@ -26,9 +26,10 @@ from simrig.instruments.description import described, shipped
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.listed import Directions
 from simrig.rigs.direct.recording import at
+from simrig.rigs.imaging.chain import Settings
 from simrig.rigs.imaging.effects import EFFECT_NAMES
 from simrig.rigs.imaging.optics import Optics
-from simrig.rigs.imaging.processing import Settings, process_recording
+from simrig.rigs.imaging.processing import process_recording
 from simrig.rigs.imaging.recorder import Camera, Recording, kept
 from simrig.rigs.imaging.rig import ImagingRig
 from simrig.rigs.registry import make_rig

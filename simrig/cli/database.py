@@ -8,7 +8,15 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.cli.options import Format, Overwrite, Seed, Workers, check_picture, write_picture
+from simrig.cli.options import (
+    Format,
+    Overwrite,
+    Scheduler,
+    Seed,
+    Workers,
+    check_picture,
+    write_picture,
+)
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
 
@@ -26,9 +34,7 @@ def build(
     ] = 32,
     spp: Annotated[int, typer.Option(min=1, max=4096, help="Samples per texel.")] = 4,
     workers: Workers = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a Dask scheduler.")
-    ] = None,
+    scheduler: Scheduler = None,
 ) -> frame.Report:
     """Build the virtual database: structures measured at 81 × 81 directions, as BRDFs.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +25,9 @@ Exposure = Annotated[
 ]
 Workers = Annotated[
     int, typer.Option(min=1, help="Processes; more than one need simrig\\[studies].")
+]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a Dask scheduler.")
 ]
 
 
@@ -55,6 +58,25 @@ def sides(text: str, what: str) -> tuple[float, float]:
     if not 0.0 < min(width, height) <= max(width, height) < float("inf"):
         raise SimrigError(f"{what}, got '{text}'")
     return width, height
+
+
+def spread_over(workers: int, scheduler: str | None) -> Callable[..., Iterator[Any]] | None:
+    """Return what has (function, config, cells) done by processes; None where there is one.
+
+    Raises:
+        SimrigError: several processes and a scheduler.
+    """
+    if scheduler is None and workers == 1:
+        return None
+    if scheduler is not None and workers != 1:
+        raise SimrigError("--scheduler has workers of its own: leave out --workers")
+
+    def spread(*work: Any) -> Iterator[Any]:
+        from simrig.evaluation.studies.engine.distributed import run_on_workers
+
+        return (rows for _, rows, _ in run_on_workers(*work, scheduler, workers))
+
+    return spread
 
 
 def check_exposure(exposure: float | None) -> None:

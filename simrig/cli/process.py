@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.cli.options import Overwrite, numbers, sides
+from simrig.cli.options import Overwrite, Scheduler, Workers, numbers, sides, spread_over
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError, check_known
 from simrig.core.options import numbers_of
@@ -296,18 +296,22 @@ def recording(
     pictures: Annotated[
         Path | None, typer.Option(help="Folder for the registered images (.exr) too.")
     ] = None,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
 ) -> frame.Report:
     """Process a whole recording into a BTF; an interrupted one goes on where it stopped."""
     from simrig.files.checkpoint import checkpoint_of
-    from simrig.rigs.imaging.processing import Settings, process_recording
+    from simrig.rigs.imaging.chain import Settings
+    from simrig.rigs.imaging.processing import process_recording
 
     check_known("method", method, ("malvar", "bilinear"))
+    spread = spread_over(workers, scheduler)
     settings = Settings(pixels, size_mm, plane, method)
     with output_file(output, overwrite):
         frame.on_interrupt(f"the same command goes on from '{checkpoint_of(output)}'")
         with frame.progress(f"processing {folder.name}") as report:
-            found = process_recording(folder, output, settings, pictures, report)
+            found = process_recording(folder, output, settings, pictures, report, spread)
     shown = [f"{output}: {found['poses']:,} images of {pixels} × {pixels} texels"]
     at = found["plane"]
     if "z_mm" in at:

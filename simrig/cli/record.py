@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,10 +11,12 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.declared import Declarers, given_options
-from simrig.cli.options import sides
+from simrig.cli.options import Scheduler, Workers, sides, spread_over
 from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from simrig.rigs.imaging.recorder import Recording
     from simrig.rigs.imaging.request import Request
 
@@ -53,11 +57,8 @@ def record(
     ideal: Annotated[
         bool, typer.Option("--ideal", help="Exact axes, points, a perfect sensor: no effects.")
     ] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 1,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Use the workers of a Dask scheduler, same folders."),
-    ] = None,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
 ) -> frame.Report:
     """Record the raw pictures of a flat sample, pose by pose, and those of the calibration.
 
@@ -70,8 +71,7 @@ def record(
 
     if ideal and effects.given:
         raise SimrigError("--ideal simulates no effect: leave out the options that choose some")
-    if scheduler is not None and workers != 1:
-        raise SimrigError("--scheduler has workers of its own: leave out --workers")
+    spread = spread_over(workers, scheduler)
     description: Any = find_description(instrument)
     if lens_mm is not None:
         if not hasattr(description, "with_lens"):
@@ -96,43 +96,17 @@ def record(
     recording = request.recording()
     frame.on_interrupt(f"the same command goes on from the pictures in '{output}'")
     with frame.progress(f"recording {truth.name}") as report:
-        if scheduler is None and workers == 1:
-            recording.run(output, report)
-        else:
-            _on_workers(recording, request, output, scheduler, workers, report)
+        recording.run(output, report, spread and partial(_spread, spread, request, output))
     return _report(output, recording, chosen)
 
 
-def _on_workers(
-    recording: Recording,
-    request: Request,
-    output: Path,
-    scheduler: str | None,
-    workers: int,
-    report: Any,
-) -> None:
-    """Spread the poses over Dask workers, which write side by side."""
-    import numpy as np
-
-    from simrig.evaluation.studies.engine.distributed import run_on_workers
-    from simrig.rigs.imaging.recorder import calibrate
+def _spread(spread: Any, request: Request, output: Path, parts: list[np.ndarray]) -> Iterator[int]:
+    """Give portions to processes, which write side by side; yield how many poses were taken."""
     from simrig.rigs.imaging.request import record_cell
 
-    recording.begin(output)
-    calibrate(recording.camera, output)
-    todo = recording.missing(output)
-    done = len(recording.angles) - sum(len(view) for view in todo)
-    cells = [
-        {"numbers": part.tolist()}
-        for view in todo
-        for part in np.array_split(view, max(1, len(view) // 64))
-    ]
-    if cells:
-        config = {"folder": str(output.absolute()), "request": request.as_text()}
-        for _, rows, _ in run_on_workers(record_cell, config, cells, scheduler, workers):
-            done += sum(row["poses"] for row in rows)
-            report(done, len(recording.angles))
-    report(done, len(recording.angles))
+    config = {"folder": str(output.absolute()), "request": request.as_text()}
+    for rows in spread(record_cell, config, [{"numbers": part.tolist()} for part in parts]):
+        yield sum(row["poses"] for row in rows)
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.cli.options import Workers
+from simrig.cli.options import Scheduler, Workers
 from simrig.core.errors import SimrigError, check_known
 
 if TYPE_CHECKING:
@@ -40,9 +40,7 @@ def run_study(
     name: _StudyName,
     full: _Full = False,
     workers: Workers = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a Dask scheduler.")
-    ] = None,
+    scheduler: Scheduler = None,
     output: _Output = None,
 ) -> frame.Report:
     """Run a study and print published beside ours.

@@ -44,9 +44,6 @@ def atomic_write(path: str | Path, suffix: str | None = None) -> Iterator[Path]:
         raise SimrigError(f"cannot write '{given}': {error.strerror}") from error
     try:
         yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         push_to_disk(temporary)
         temporary.replace(path)
         push_to_disk(path.parent)
@@ -67,7 +64,7 @@ def _temporary(path: Path, suffix: str) -> tuple[Path, int]:
     for number in itertools.count():
         temporary = path.with_name(f".{path.stem[:100]}{_PARTIAL}{number}{suffix}")
         try:
-            handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         except OSError:
             if os.path.lexists(temporary):  # another user's
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +82,9 @@ class RecordedPictures:
                 "first"
             )
 
-    def pose(self, number: int) -> dict[str, np.ndarray]:
-        """Return the arrays of a pose."""
-        return _arrays(self.poses[number])
+    def pose(self, number: int, names: Sequence[str] = ()) -> dict[str, np.ndarray]:
+        """Return the arrays of a pose, or only those that are named."""
+        return _arrays(self.poses[number], names)
 
     def calibration(self, name: str) -> dict[str, np.ndarray] | None:
         """Return the arrays of a calibration picture, None where there is none."""
@@ -91,19 +92,22 @@ class RecordedPictures:
         return _arrays(path) if path.is_file() else None
 
 
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return a recorded picture.
+def _arrays(path: Path, names: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Return a recorded picture, or what is named of it.
 
     Raises:
         SimrigError: a damaged file, arrays that are missing or of another shape.
     """
     hint = ": record it again; what is processed is kept"
     with opened_arrays(path, hint) as file:
-        arrays = {n: np.asarray(file[n]) for n in file.files if not n.endswith(".json")}
-    missing = [key for key in ("frames", "exposures", *_SHAPES) if key not in arrays]
+        wanted = [n for n in file.files if not n.endswith(".json") and (not names or n in names)]
+        arrays = {n: np.asarray(file[n]) for n in wanted}
+    missing = [key for key in names or ("frames", "exposures", *_SHAPES) if key not in arrays]
     if missing:
         raise SimrigError(f"'{path}' lacks {', '.join(missing)}: it is no recorded picture")
     for name, shape in _SHAPES.items():
+        if name not in arrays:
+            continue
         found = arrays[name]
         if found.shape != shape or found.dtype.kind not in "uif" or not np.isfinite(found).all():
             raise SimrigError(

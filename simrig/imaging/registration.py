@@ -60,6 +60,28 @@ class Area:
         return np.meshgrid(x, y)
 
 
+def projected(
+    camera: Camera, area: Area, plane: Plane | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a camera sees the points of an area, and which of them from the front.
+
+    Args:
+        camera: of a view.
+        area: of the surface.
+        plane: the surface; the reference plane unless given.
+
+    Returns:
+        Pixels, (rows, columns, 2), 0 of what is not seen; and what is, (rows, columns).
+    """
+    surface = plane or Plane()
+    x, y = area.points()
+    points = np.stack([x, y, surface.height(x, y)], axis=-1)
+    pixels = camera.project(points)
+    front = (camera.centre_mm - points) @ surface.normal > 0.0
+    seen = np.isfinite(pixels).all(axis=-1) & front
+    return np.where(seen[..., None], pixels, 0.0), seen
+
+
 def register(
     picture: Any, camera: Camera, area: Area, plane: Plane | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -79,13 +101,7 @@ def register(
         SimrigError: values that are no picture.
     """
     values = finite_array(picture, "the picture", (2, 3))
-    surface = plane or Plane()
-    x, y = area.points()
-    points = np.stack([x, y, surface.height(x, y)], axis=-1)
-    pixels = camera.project(points)
-    front = (camera.centre_mm - points) @ surface.normal > 0.0
-    seen = np.isfinite(pixels).all(axis=-1) & front
-    pixels = np.where(seen[..., None], pixels, 0.0)
+    pixels, seen = projected(camera, area, plane)
     made = Spline(values).at(pixels)
     shown = seen & inside(pixels, values.shape)
     return np.where(seen if made.ndim == 2 else seen[..., None], made, 0.0), shown

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,6 +39,8 @@ WHITE_ALBEDO = 0.95
 CALIBRATION = ("white", "dark", "chart")
 _CALIBRATION_DEG = (45.0, 0.0, 0.0, 0.0)  # 45:0, theta_i, theta_v, phi_i, phi_v
 _DARK_FRAMES = 8
+_TOGETHER = 96  # poses of a portion at most: all lights of a view ask the same rays
+_WRITERS = 4
 _CHART = 0.9  # of the picture's shorter side, at most
 
 
@@ -272,23 +276,44 @@ class Recording:
             temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
 
     def missing(self, folder: Path) -> list[np.ndarray]:
-        """Return the numbers of the poses that are not there yet, view by view."""
+        """Return the numbers of the poses that are not there yet, in portions of one view."""
         pieces = kept(folder, "poses")  # reads what is there: damage is named and set aside
         views = (
             np.array([n for n in view if pieces.get(f"{n:06d}") is None])
             for view in self.poses.views()
         )
-        return [view for view in views if len(view)]
+        return [
+            part
+            for view in views
+            if len(view)
+            for part in np.array_split(view, -(-len(view) // _TOGETHER))
+        ]
 
     def take(self, folder: Path, numbers: np.ndarray) -> int:
         """Record poses of one view; return how many."""
         pieces = kept(folder, "poses")
-        for number, arrays in self.camera.take(self.poses, numbers, numbers.tolist()):
-            pieces.put(f"{number:06d}", arrays=arrays)
+        with ThreadPoolExecutor(_WRITERS) as writers:  # the disk is slower than a picture
+            written: deque[Future[Any]] = deque()
+            for number, arrays in self.camera.take(self.poses, numbers, numbers.tolist()):
+                written.append(writers.submit(pieces.put, f"{number:06d}", arrays=arrays))
+                if len(written) > _WRITERS:
+                    written.popleft().result()
+            for each in written:
+                each.result()
         return len(numbers)
 
-    def run(self, folder: Path, progress: Callable[..., None] | None = None) -> None:
+    def run(
+        self,
+        folder: Path,
+        progress: Callable[..., None] | None = None,
+        spread: Callable[[list[np.ndarray]], Iterable[int]] | None = None,
+    ) -> None:
         """Record what is missing: calibration first, then view by view.
+
+        Args:
+            folder: of the recording.
+            progress: called with poses done and in total.
+            spread: takes portions (``missing``) elsewhere, and yields how many poses were taken.
 
         Raises:
             SimrigError: as ``begin``; no room, an unwritable folder.
@@ -296,14 +321,13 @@ class Recording:
         self.begin(folder)
         calibrate(self.camera, folder)
         todo = self.missing(folder)
-        done = len(self.angles) - sum(len(view) for view in todo)
-        for view in todo:
-            for part in np.array_split(view, max(1, len(view) // 16)):
-                if progress is not None:
-                    progress(done, len(self.angles))
-                done += self.take(folder, part)
-        if progress is not None:
-            progress(done, len(self.angles))
+        done = len(self.angles) - sum(len(part) for part in todo)
+        report = progress or (lambda *_: None)
+        report(done, len(self.angles))
+        here = (self.take(folder, part) for part in todo)
+        for taken in spread(todo) if spread and todo else here:
+            done += taken
+            report(done, len(self.angles))
 
 
 def calibrate(camera: Camera, folder: Path) -> None:
