@@ -218,8 +218,8 @@ def _chain(angles: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _two_processes(*work: Any) -> Any:
-    return (rows for _, rows, _ in run_on_workers(*work, None, 2))
+def _two_processes(work: Any, config: Any, cells: Any) -> Any:
+    return (rows for _, rows, _ in run_on_workers(work, config, cells, None, 2))
 
 
 def _both(work: Callable[[], Any]) -> tuple[float, float]:

@@ -71,10 +71,10 @@ def spread_over(workers: int, scheduler: str | None) -> Callable[..., Iterator[A
     if scheduler is not None and workers != 1:
         raise SimrigError("--scheduler has workers of its own: leave out --workers")
 
-    def spread(*work: Any) -> Iterator[Any]:
+    def spread(work: Any, config: Any, cells: Any) -> Iterator[Any]:
         from simrig.evaluation.studies.engine.distributed import run_on_workers
 
-        return (rows for _, rows, _ in run_on_workers(*work, scheduler, workers))
+        return (rows for _, rows, _ in run_on_workers(work, config, cells, scheduler, workers))
 
     return spread
 

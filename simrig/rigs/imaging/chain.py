@@ -24,7 +24,7 @@ from simrig.imaging.checks import finite_array, finite_number
 from simrig.imaging.marks import expected_frame, find_frame, frame_corners
 from simrig.imaging.merging import Merged, SensorModel, merge
 from simrig.imaging.mosaic import demosaic, fill_defects, find_defects
-from simrig.imaging.plane import PlaneFit, fit_plane
+from simrig.imaging.plane import HEIGHT_MM, PlaneFit, fit_plane
 from simrig.imaging.registration import Area, projected, registered_views
 from simrig.imaging.resampling import Spline, inside
 
@@ -32,6 +32,7 @@ PLANE_VIEWS = 80  # thesis section 4.2.2
 _ENDLESS = 1e30  # clipping level of frames that were not rounded to whole numbers
 _LARGEST_OFFSET = 12.0  # pixels of a mark from where the instrument's pose has it
 _STEADY = 0.25  # pixels that the marks of pictures from one place differ at most
+_REACH = 0.05  # of the sample's side, how far off its plane is looked for
 _AROUND = 16  # pixels around what images need: what filters see there is below 1e-9
 _EVERYWHERE = (slice(None), slice(None))
 
@@ -339,7 +340,8 @@ class Chain:
             raise SimrigError(f"{len(pictures)} views show the frame, {FEWEST_VIEWS} are needed")
         size = self.area.size_mm[0]
         area = Area.of_pitch(size, size / max(self.settings.pixels, 64))
-        return fit_plane(registered_views(pictures, cameras, area))
+        reach = min(HEIGHT_MM, _REACH * size)  # a small sample leaves its pictures before
+        return fit_plane(registered_views(pictures, cameras, area), height_mm=reach)
 
 
 def _camera(taken: Mapping[str, np.ndarray]) -> Camera:
