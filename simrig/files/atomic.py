@@ -45,15 +45,18 @@ def atomic_write(path: str | Path, suffix: str | None = None) -> Iterator[Path]:
     try:
         yield temporary
         push_to_disk(temporary)
-        temporary.replace(path)
-        push_to_disk(path.parent)
-    except (OSError, RuntimeError) as error:  # h5py raises RuntimeError where closing fails
-        if isinstance(error, SimrigError) or not _no_room(error):
+        temporary.replace(path)  # from here on the name may be that of another writer
+    except BaseException as error:
+        temporary.unlink(missing_ok=True)
+        # h5py raises RuntimeError where closing fails
+        if not isinstance(error, OSError | RuntimeError) or isinstance(error, SimrigError):
+            raise
+        if not _no_room(error):
             raise
         raise SimrigError(f"cannot write '{given}': no room is left on its disk") from error
     finally:
-        temporary.unlink(missing_ok=True)
         os.close(handle)
+    push_to_disk(path.parent)
 
 
 def _temporary(path: Path, suffix: str) -> tuple[Path, int]:

@@ -102,7 +102,7 @@ class Renderer:
             numbers: some of one view (``Poses.views``).
         """
         width, height = self.optics.sensor.pixels
-        together = max(1, _MOST_VALUES // (width * height * 3))
+        together = max(1, _MOST_VALUES // (width * height * 3 * len(self._nodes)))
         cameras = poses.actual.camera_to_world
         camera = cameras[numbers[0]]
         view = int((cameras == camera).all(axis=(1, 2)).argmax())  # the same for any part of it
@@ -120,11 +120,11 @@ class Renderer:
         nodes = quadrature(Instrument.of(self.optics.description), self.effects, NODE_PAIRS)
         return list(zip(nodes.lens, nodes.light, strict=True))
 
-    def _shown(self, camera: np.ndarray, lights: np.ndarray, number: int) -> np.ndarray:
-        """Return radiances over the centre's irradiance, (m, height, width, 3)."""
+    def _shown(self, camera: np.ndarray, lights: np.ndarray, number: int) -> Iterator[np.ndarray]:
+        """Yield radiances over the centre's irradiance, (height, width, 3), light by light."""
         width, height = self.optics.sensor.pixels
-        total = np.zeros((len(lights), height * width, 3))
         views: dict[bytes, View] = {}
+        parts = []
         for lens, lamp in self._nodes:
             key = b"" if lens is None else lens.tobytes()
             if key not in views:
@@ -132,23 +132,25 @@ class Renderer:
             places = (
                 lights if lamp is None else lights + np.array([_across(p, lamp) for p in lights])
             )
-            self._add(total, views[key], places, number)
-        return total.reshape(len(lights), height, width, 3) / len(self._nodes)
+            parts.append((views[key], places, self.surface.reflected(views[key], places, number)))
+        for k in range(len(lights)):
+            picture = np.zeros((height * width, 3))
+            for view, places, reflected in parts:
+                self._add(picture, view, places[k], reflected[k])
+            yield picture.reshape(height, width, 3) / len(parts)
 
-    def _add(self, total: np.ndarray, view: View, lights: np.ndarray, number: int) -> None:
+    def _add(self, picture: np.ndarray, view: View, light: np.ndarray, shown: np.ndarray) -> None:
         description = self.optics.description
         fall_off, beam = "fall-off" in self.effects, "beam-profile" in self.effects
-        reflected = self.surface.reflected(view, lights, number)
         white = 0.0 if description.registration is None else description.registration.albedo.value
         black = description.sample.border_albedo.value / np.pi
-        rest = view.black.ravel()
-        for picture, light, shown in zip(total, lights, reflected, strict=True):
-            factor, _ = self.optics.irradiance(view.points, light, fall_off, beam)
-            picture[view.pixels] += (view.sample * factor)[:, None] * shown
-            factor, towards = self.optics.irradiance(view.frame_points, light, fall_off, beam)
-            cosine = np.maximum(towards[:, 2], 0.0)
-            picture[view.frame_pixels] += (view.frame * factor * cosine * white / np.pi)[:, None]
-            picture += (rest * black * max(light[2], 0.0) / np.linalg.norm(light))[:, None]
+        factor, _ = self.optics.irradiance(view.points, light, fall_off, beam)
+        picture[view.pixels] += (view.sample * factor)[:, None] * shown
+        factor, towards = self.optics.irradiance(view.frame_points, light, fall_off, beam)
+        cosine = np.maximum(towards[:, 2], 0.0)
+        picture[view.frame_pixels] += (view.frame * factor * cosine * white / np.pi)[:, None]
+        rest = view.black.ravel() * (black * max(light[2], 0.0) / np.linalg.norm(light))
+        picture += rest[:, None]
 
     def _collected(self, picture: np.ndarray, hours: float) -> np.ndarray:
         """Return what the sensor collects of radiances (height, width, 3)."""
@@ -158,13 +160,10 @@ class Renderer:
             picture = picture * max(1.0 + 0.01 * light.drift_pct_h.value * hours, 0.0)
         if "stray-light" in on:
             picture = picture + light.stray.value / np.pi
-        seen: Any = optics.sensor.mosaic(picture)
         if "blur" in on and optics.blur_pixels > 0.0:
-            blurred = [
-                ndimage.gaussian_filter(picture[..., k], optics.blur_pixels, mode="nearest")
-                for k in range(3)
-            ]
-            seen = optics.sensor.mosaic(np.stack(blurred, axis=-1))
+            wide = (optics.blur_pixels, optics.blur_pixels, 0.0)
+            picture = ndimage.gaussian_filter(picture, wide, mode="nearest")
+        seen: Any = optics.sensor.mosaic(picture)
         if "vignetting" in on:
             seen = seen * optics.vignetting
         return np.asarray(seen * optics.electrons_per_second)
