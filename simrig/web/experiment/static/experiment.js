@@ -62,7 +62,7 @@ function calibration(jsPsych) {
 
 class jsPsychCall {
   // Does something that takes time, shows nothing.
-  static info = { name: "call", version: "1.0.0", parameters: { run: { type: "FUNCTION" } }, data: {} };
+  static info = { name: "call", version: "1.0.0", parameters: { run: { type: Parameter.FUNCTION } }, data: {} };
   constructor(jsPsych) { this.jsPsych = jsPsych; }
   trial(display, trial) { trial.run().then((data) => this.jsPsych.finishTrial(data ?? {})); }
   simulate(trial, mode, options, loaded) { loaded(); this.trial(null, trial); }
@@ -78,35 +78,54 @@ function question(jsPsych, design, own, about, after) {
   return [again, answer, { type: jsPsychCall, run: async () => after(jsPsych.data.get().filter({ trial_type: "answer" }).last(1).values()[0]) }];
 }
 
+// What subjects do with their code, later: the page at #withdraw.
+function withdraw() {
+  const code = element("input", { type: "text", id: "code", ariaLabel: "Code", autocomplete: "off" });
+  const said = element("p", { role: "status" });
+  const form = element("form", {}, code, " ", element("button", { textContent: "Delete my answers" }));
+  form.onsubmit = async (event) => {
+    event.preventDefault();
+    const done = await ask("POST", "withdraw", { code: code.value.trim() });
+    said.textContent = done.deleted ? "Everything that was stored of you is deleted." : done.error;
+  };
+  document.getElementById("experiment").replaceChildren(element("div", { className: "text" }, element("h1", { textContent: "Withdraw" }), "Enter the code that you got at the end.", form, said));
+  code.focus();
+}
+
 async function main() {
+  if (location.hash === "#withdraw") return withdraw();
   const design = await ask("GET", "design");
   document.title = design.title;
   let state = token ? await ask("GET", "session") : { status: 401 };
   if (state.status === 401) token = null;
   const jsPsych = initJsPsych({ display_element: "experiment" });
+  const run = (timeline) => {
+    document.getElementById("experiment").replaceChildren(); // a run leaves its frame behind
+    return jsPsych.run(timeline);
+  };
   const thanks = async () => {
     const done = await ask("POST", "session/finish");
-    return jsPsych.run([{ type: PagePlugin, title: "Thank you", text: `${done.thanks}\n\nShould you change your mind, this code deletes everything that was stored:`, code: done.code, buttons: [] }]);
+    return run([{ type: PagePlugin, title: "Thank you", text: `${done.thanks}\n\nShould you change your mind, open this page again with #withdraw at the end of its address and enter this code. It deletes everything that was stored:`, code: done.code, buttons: [] }]);
   };
   if (state.finished) return thanks();
   const simulated = new URLSearchParams(location.search).has("simulate");
   const text = (title, body, buttons) => ({ type: PagePlugin, title, text: body, buttons });
 
   if (token === null) {
-    await jsPsych.run([
+    await run([
       text(design.title, design.consent, ["I agree and take part"]),
       { type: jsPsychBrowserCheck, features: ["width", "height", "mobile", "fullscreen"], skip_features: ["webaudio", "vsync_rate"], inclusion_function: (data) => !data.mobile, exclusion_message: () => "<p>This experiment needs the screen of a computer.</p>" },
     ]);
     const panel = new URLSearchParams(location.search).get("panel");
     const begun = await ask("POST", "session", { consent: true, version: design.consent_version, observer: simulated ? "virtual" : "person", ...(panel ? { panel } : {}) });
-    if (!begun.token) return jsPsych.run([text("This is not possible now", begun.error, [])]);
+    if (!begun.token) return run([text("This is not possible now", begun.error, [])]);
     token = begun.token;
     history.replaceState(null, "", `#session=${token}`);
     state = await ask("GET", "session");
   }
 
   const timeline = [calibration(jsPsych)];
-  if (document.fullscreenEnabled) {
+  if (document.fullscreenEnabled && !simulated) {
     timeline.push({ type: jsPsychFullscreen, fullscreen_mode: true, message: "<p>The pictures need the whole screen.</p>", button_label: "Continue" });
   }
   timeline.push(text("What to do", design.instructions));
@@ -129,7 +148,7 @@ async function main() {
     }));
   });
   if (simulated) await jsPsych.simulate(timeline, "data-only");
-  else await jsPsych.run(timeline);
+  else await run(timeline);
   if (document.fullscreenElement) await document.exitFullscreen();
   return thanks();
 }

@@ -1,6 +1,7 @@
 "use strict";
 // jsPsych plugins of our own: a page of text, the calibration rectangle, and the question.
 
+const Parameter = jsPsychModule.ParameterType;
 const RECTANGLE_PX = 500; // CSS pixels, as in the thesis
 const CARD_MM = [85.6, 53.98]; // ISO/IEC 7810 ID-1
 const MM = { mm: 1, cm: 10, inches: 25.4 };
@@ -16,8 +17,8 @@ class PagePlugin {
   static info = {
     name: "page",
     version: "1.0.0",
-    parameters: { title: { type: "STRING" }, text: { type: "STRING" }, code: { type: "STRING", default: "" }, buttons: { type: "STRING", array: true, default: ["Continue"] } },
-    data: { button: { type: "INT" }, rt: { type: "INT" } },
+    parameters: { title: { type: Parameter.STRING }, text: { type: Parameter.STRING }, code: { type: Parameter.STRING, default: "" }, buttons: { type: Parameter.STRING, array: true, default: ["Continue"] } },
+    data: { button: { type: Parameter.INT }, rt: { type: Parameter.INT } },
   };
   constructor(jsPsych) { this.jsPsych = jsPsych; }
   trial(display, trial) {
@@ -43,8 +44,8 @@ class RectanglePlugin {
   static info = {
     name: "rectangle",
     version: "1.0.0",
-    parameters: { number: { type: "INT" }, card: { type: "BOOL", default: false } },
-    data: { width_mm: { type: "FLOAT" }, pixel_mm: { type: "FLOAT" } },
+    parameters: { number: { type: Parameter.INT }, card: { type: Parameter.BOOL, default: false } },
+    data: { width_mm: { type: Parameter.FLOAT }, pixel_mm: { type: Parameter.FLOAT } },
   };
   constructor(jsPsych) { this.jsPsych = jsPsych; }
   trial(display, trial) { trial.card ? this.card(display) : this.ruler(display, trial); }
@@ -114,10 +115,10 @@ class AnswerPlugin {
     name: "answer",
     version: "1.0.0",
     parameters: {
-      question: { type: "STRING" }, answers: { type: "STRING", array: true }, pictures: { type: "STRING", array: true },
-      reference: { type: "STRING", default: null }, width_mm: { type: "FLOAT" }, pixel_mm: { type: "FUNCTION" }, progress: { type: "STRING", default: "" },
+      question: { type: Parameter.STRING }, answers: { type: Parameter.STRING, array: true }, pictures: { type: Parameter.STRING, array: true },
+      reference: { type: Parameter.STRING, default: null }, width_mm: { type: Parameter.FLOAT }, pixel_mm: { type: Parameter.FUNCTION }, progress: { type: Parameter.STRING, default: "" },
     },
-    data: { answer: { type: "INT" }, rt_ms: { type: "FLOAT" }, shown_mm: { type: "FLOAT" }, blurred: { type: "INT" } },
+    data: { answer: { type: Parameter.INT }, rt_ms: { type: Parameter.FLOAT }, shown_mm: { type: Parameter.FLOAT }, blurred: { type: Parameter.INT } },
   };
   constructor(jsPsych) { this.jsPsych = jsPsych; }
 
