@@ -175,11 +175,3 @@ def test_the_code_deletes_everything(browser: Any, server: Running) -> None:
         page.keyboard.type("nobody")
         page.keyboard.press("Enter")
         page.wait_for_selector("text=this code is unknown")
-
-
-def test_observers_of_jspsych_take_part_by_simulation(browser: Any, server: Running) -> None:
-    with page_of(browser, (1280, 1000)) as (page, faults):
-        page.goto(f"{server.origin}/?simulate&panel=p-1")
-        page.click("text=I agree and take part")
-        page.wait_for_selector("code", timeout=30_000)
-        assert faults == []

@@ -65,7 +65,6 @@ class jsPsychCall {
   static info = { name: "call", version: "1.0.0", parameters: { run: { type: Parameter.FUNCTION } }, data: {} };
   constructor(jsPsych) { this.jsPsych = jsPsych; }
   trial(display, trial) { trial.run().then((data) => this.jsPsych.finishTrial(data ?? {})); }
-  simulate(trial, mode, options, loaded) { loaded(); this.trial(null, trial); }
 }
 
 function question(jsPsych, design, own, about, after) {
@@ -108,7 +107,6 @@ async function main() {
     return run([{ type: PagePlugin, title: "Thank you", text: `${done.thanks}\n\nShould you change your mind, open this page again with #withdraw at the end of its address and enter this code. It deletes everything that was stored:`, code: done.code, buttons: [] }]);
   };
   if (state.finished) return thanks();
-  const simulated = new URLSearchParams(location.search).has("simulate");
   const text = (title, body, buttons) => ({ type: PagePlugin, title, text: body, buttons });
 
   if (token === null) {
@@ -117,7 +115,7 @@ async function main() {
       { type: jsPsychBrowserCheck, features: ["width", "height", "mobile", "fullscreen"], skip_features: ["webaudio", "vsync_rate"], inclusion_function: (data) => !data.mobile, exclusion_message: () => "<p>This experiment needs the screen of a computer.</p>" },
     ]);
     const panel = new URLSearchParams(location.search).get("panel");
-    const begun = await ask("POST", "session", { consent: true, version: design.consent_version, observer: simulated ? "virtual" : "person", ...(panel ? { panel } : {}) });
+    const begun = await ask("POST", "session", { consent: true, version: design.consent_version, ...(panel ? { panel } : {}) });
     if (!begun.token) return run([text("This is not possible now", begun.error, [])]);
     token = begun.token;
     history.replaceState(null, "", `#session=${token}`);
@@ -125,7 +123,7 @@ async function main() {
   }
 
   const timeline = [calibration(jsPsych)];
-  if (document.fullscreenEnabled && !simulated) {
+  if (document.fullscreenEnabled) {
     timeline.push({ type: jsPsychFullscreen, fullscreen_mode: true, message: "<p>The pictures need the whole screen.</p>", button_label: "Continue" });
   }
   timeline.push(text("What to do", design.instructions));
@@ -147,8 +145,7 @@ async function main() {
       return { stored: stored.status };
     }));
   });
-  if (simulated) await jsPsych.simulate(timeline, "data-only");
-  else await run(timeline);
+  await run(timeline);
   if (document.fullscreenElement) await document.exitFullscreen();
   return thanks();
 }

@@ -32,11 +32,6 @@ class PagePlugin {
     display.replaceChildren(text, element("div", { className: "choices" }, ...buttons));
     buttons[0]?.focus();
   }
-  simulate(trial, mode, options, loaded) {
-    loaded();
-    this.trial(this.jsPsych.getDisplayElement(), trial);
-    this.jsPsych.pluginAPI.clickTarget(this.jsPsych.getDisplayElement().querySelector("button"), mode === "visual" ? 300 : 0);
-  }
 }
 
 class RectanglePlugin {
@@ -94,12 +89,6 @@ class RectanglePlugin {
         element("button", { textContent: "Skip", onclick: () => finish(false) }),
         element("button", { textContent: "It has the size of the card", onclick: () => finish(true) })));
     slider.focus();
-  }
-
-  simulate(trial, mode, options, loaded) {
-    loaded();
-    const data = trial.card ? { width_mm: null, pixel_mm: null } : { width_mm: 132.5, pixel_mm: 0.265 };
-    setTimeout(() => this.jsPsych.finishTrial({ ...data, ...options.data }), 0);
   }
 }
 
@@ -177,17 +166,6 @@ class AnswerPlugin {
         buttons[0].focus();
       });
     });
-  }
-
-  simulate(trial, mode, options, loaded) {
-    loaded();
-    this.trial(this.jsPsych.getDisplayElement(), trial);
-    const number = Math.floor(Math.random() * trial.answers.length);
-    const press = () => {
-      const button = this.jsPsych.getDisplayElement().querySelectorAll(".choices button")[number];
-      button.disabled ? setTimeout(press, 20) : button.click();
-    };
-    press();
   }
 }
 
