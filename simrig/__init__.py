@@ -40,6 +40,7 @@ _HOME = {
     "scene": "simrig.front_door.pictures",
     "set_variant": "simrig.core.backend",
     "study": "simrig.front_door.studies",
+    "view": "simrig.front_door.viewing",
 }
 _HOME_NAME = {
     "Btf": "BtfStack",

@@ -19,6 +19,7 @@ from simrig.front_door.seeing import critical_distance as critical_distance
 from simrig.front_door.studies import pareto as pareto
 from simrig.front_door.studies import study as study
 from simrig.front_door.uncertainty import budget as budget
+from simrig.front_door.viewing import view as view
 from simrig.rigs.measurements.measurement import Measurement as Measurement
 
 __version__: str
@@ -45,4 +46,5 @@ __all__ = [
     "scene",
     "set_variant",
     "study",
+    "view",
 ]

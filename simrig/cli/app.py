@@ -34,6 +34,7 @@ from simrig.cli import (
     stability,
     stimuli,
     studies,
+    view,
     web_experiment,
 )
 from simrig.cli.btf import files as btf_files
@@ -69,6 +70,7 @@ _COMMANDS: Commands = {
     "reconstruct": reconstruct.reconstruct,
     "plan": plan.plan,
     "render": render.render,
+    "view": view.view,
     "compare": compare.compare,
     "convert": convert.convert,
     "info": info.info,

@@ -52,14 +52,10 @@ class Guard:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
+        if scope["type"] != "http":
+            return  # nothing of ours opens a channel
         headers = Headers(scope=scope)
         fault = self._fault(headers, scope)
-        if scope["type"] == "websocket":
-            if fault is not None:
-                await send({"type": "websocket.close", "code": 1008})
-                return
-            await self._app(scope, receive, send)
-            return
 
         async def said(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -96,8 +92,6 @@ class Guard:
         opens = scope.get("path") == "/" and headers.get("sec-fetch-mode") == "navigate"
         if not opens and headers.get("sec-fetch-site", "none") not in _SAME_SITE:
             return 403, "requests from other sites are refused"
-        if scope["type"] == "websocket" and origin is None:
-            return 403, "who opens a channel says from where"
         length = headers.get("content-length", "0")
         if not length.isdigit() or int(length) > self._bytes:
             return 413, f"a request has at most {self._bytes} bytes"

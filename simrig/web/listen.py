@@ -64,7 +64,7 @@ def server(app: Any, proxied: bool = False) -> Any:
         timeout_graceful_shutdown=3,
         limit_concurrency=2000,
         h11_max_incomplete_event_size=16384,
-        ws_max_size=65536,
+        ws="none",
     )
     return uvicorn.Server(config)
 

@@ -1,0 +1,50 @@
+"""Materials side by side in the browser."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from simrig.brdf.protocol import Brdf
+from simrig.core.errors import SimrigError
+from simrig.front_door.materials import as_brdf
+from simrig.rigs.measurements.measurement import Measurement
+from simrig.web.viewer.opening import Viewer
+from simrig.web.viewer.page import Shown
+
+
+def view(*materials: Any, measurement: Measurement | None = None, port: int = 0) -> Viewer:
+    """Show materials side by side in the browser.
+
+    Args:
+        materials: BRDFs, their names or their files.
+        measurement: whose sample positions are drawn on the pictures of the subspaces.
+        port: 0 takes a free one.
+
+    Returns:
+        The viewer that runs: ``address`` is to be opened in a browser, ``stop()`` ends it. It is
+        reached from this machine only.
+
+    Raises:
+        SimrigError: no material, or what ``load`` refuses.
+    """
+    viewer = Viewer(shown_of(materials, measurement), port)
+    threading.Thread(target=viewer.serve, name="viewer", daemon=True).start()
+    return viewer
+
+
+def shown_of(materials: Any, measurement: Measurement | None = None) -> list[Shown]:
+    """Return materials as the viewer shows them.
+
+    Raises:
+        SimrigError: none or too many of them, or what ``load`` refuses.
+    """
+    if not 1 <= len(materials) <= 8:
+        raise SimrigError(f"give one to eight materials, got {len(materials)}")
+    found = []
+    for material in materials:
+        brdf: Brdf = as_brdf(material)
+        name = material if isinstance(material, str | Path) else brdf.name
+        found.append(Shown(brdf.name, brdf, str(name), measurement))
+    return found
