@@ -62,8 +62,8 @@ def test_type_checkers_see_the_names_that_there_are() -> None:
                 parameter.annotation is not parameter.empty
                 for parameter in inspect.signature(item).parameters.values()
             ), name
-    with pytest.raises(AttributeError, match="no attribute 'view'"):
-        _ = sr.view
+    with pytest.raises(AttributeError, match="no attribute 'look'"):
+        _ = sr.look
 
 
 @pytest.mark.slow
