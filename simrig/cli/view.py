@@ -63,8 +63,13 @@ def view(
     theta, phi = numbers(light, "--light takes two angles, as 40,60", 2)
     theta_i, phi_i, phi_v = numbers(slice_, "--slice takes three angles, as 30,0,180", 3)
     state = {
-        "form": form, "theta": theta, "phi": phi, "rotation": rotation,
-        "theta_i": theta_i, "phi_i": phi_i, "phi_v": phi_v,
+        "form": form,
+        "theta": theta,
+        "phi": phi,
+        "rotation": rotation,
+        "theta_i": theta_i,
+        "phi_i": phi_i,
+        "phi_v": phi_v,
     }
     with output_file(export, overwrite):
         backend.select()

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
 from simrig.front_door.materials import as_brdf
 from simrig.rigs.measurements.measurement import Measurement
-from simrig.web.viewer.opening import Viewer
 from simrig.web.viewer.page import Shown
+
+if TYPE_CHECKING:
+    from simrig.web.viewer.opening import Viewer
 
 
 def view(*materials: Any, measurement: Measurement | None = None, port: int = 0) -> Viewer:
@@ -29,6 +31,8 @@ def view(*materials: Any, measurement: Measurement | None = None, port: int = 0)
     Raises:
         SimrigError: no material, or what ``load`` refuses.
     """
+    from simrig.web.viewer.opening import Viewer  # starting a server takes a second
+
     viewer = Viewer(shown_of(materials, measurement), port)
     threading.Thread(target=viewer.serve, name="viewer", daemon=True).start()
     return viewer
