@@ -99,14 +99,40 @@ def test_the_noise_of_the_other_samples_is_no_noise_of_a_picture(spp: int) -> No
     assert found / truth == pytest.approx(SAFETY, rel=0.02)
 
 
+def test_stratified_lights_are_weighed_unevenly_by_a_wide_filter() -> None:
+    """A crop of soft shadows: samples that are well stratified in each pixel, by a Gaussian."""
+    lamp = {"type": "area", "radiance": {"type": "rgb", "value": 20.0}}
+    down = mi.ScalarTransform4f().translate([1, -1, 4]).rotate([1, 0, 0], 180).scale(0.7)
+    film = {"type": "hdrfilm", "width": 24, "height": 24, "rfilter": {"type": "gaussian"}}
+    look = mi.ScalarTransform4f().look_at([0, -6, 3.5], [0.4, -0.7, 1.3], [0, 0, 1])
+    scene = {
+        "type": "scene",
+        "ball": {"type": "sphere", "center": [0, 0, 1]},
+        "lamp": {"type": "rectangle", "to_world": down, "emitter": lamp},
+        "camera": {"type": "perspective", "fov": 5.0, "to_world": look, "film": film},
+    }
+    plan = plan_scene(scene, "dE=1")
+    many = replace(plan, settings={**plan.settings, "spp": 1024})
+    true = planned_render(scene, many, seed=9).image
+    exposure = plan.about["exposure"]
+    off = [change(true, planned_render(scene, plan, n).image, exposure) for n in range(3)]
+    assert 0.7 < plan.about["noise"] / np.mean(off) < 1.6
+
+
 def test_a_wide_filter_averages() -> None:
     """∫f² / (∫f)² of a Gaussian of σ = 0.5 is 1/(2 σ √π) on each axis, but for its cut ends."""
     film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "gaussian"}}
     camera = {"type": "perspective", "film": film}
     view = View(mi.load_dict({"type": "scene", "s": camera}))
     assert view.averaging == pytest.approx(np.pi, rel=0.03)
+    x = np.linspace(-2.0, 2.0, 4001)
+    weights = np.exp(-2.0 * x**2) - np.exp(-8.0)
+    means = [weights[np.round(x) == pixel].sum() for pixel in range(-2, 3)]
+    share = np.sum(np.square(means)) / 1000.0 / np.sum(weights**2)
+    assert view.evenness == pytest.approx(share**2, rel=0.03)
     film["rfilter"] = {"type": "box"}
-    assert View(mi.load_dict({"type": "scene", "s": camera})).averaging == 1.0
+    even = View(mi.load_dict({"type": "scene", "s": camera}))
+    assert even.averaging == even.evenness == 1.0
 
 
 def test_tails_are_told_from_noise_that_has_an_end() -> None:

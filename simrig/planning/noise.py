@@ -49,6 +49,7 @@ class SamplingNoise:
         pixels: int = 0,
         dimensions: int = ALONG_PATHS,
         parts: np.ndarray | None = None,
+        evenness: float = 1.0,
     ) -> None:
         """Take (n, k, 3) samples of n pixels, and what measures changes.
 
@@ -63,7 +64,9 @@ class SamplingNoise:
                 light of its place, and nothing is rare.
             parts: (n,) number of the part of the picture that each pixel lies in; one for all of
                 them by default.
+            evenness: see ``View.evenness``.
         """
+        self.evenness = evenness
         self.radiance = radiance
         self.display = display
         self.groups = groups
@@ -173,15 +176,21 @@ class SamplingNoise:
         It gains with the samples that are stratified together. Up to those of a group it follows
         the power of them that was measured; beyond, that of edges in as many dimensions d as are
         drawn, n^(-1/2d) (Mitchell 1996, "Consequences of stratified sampling in graphics"), or
-        the root of what was measured where that fell faster than edges in two dimensions do.
+        the root of what was measured where that fell faster than edges in two dimensions do. What
+        the weights of a filter vary by within a pixel is independent of what lights leave to
+        chance, so that their product is not stratified.
         """
         if self.groups < 2:
             return 1.0
-        group, together = max(self._count // self.groups, 2), max(min(spp, self.per_pass), 1)
+        group = max(self._count // self.groups, 2)
+        together = max(min(spp, self.per_pass) * self.averaging, 1.0)
         power = math.log(self._gain) / math.log(group)
         least = -0.5 / self.dimensions
         beyond = min(0.5 * power, least) if power < -0.5 / IN_A_PIXEL else least
-        return float(min(together, group) ** power * max(together / group, 1.0) ** beyond)
+        gain = float(min(together, group) ** power * max(together / group, 1.0) ** beyond)
+        if self.dimensions == IN_A_PIXEL:
+            return gain
+        return math.sqrt(self.evenness * gain**2 + 1.0 - self.evenness)
 
     def _split(self, spp: int, trial: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the means of all samples of each pixel but ``spp``, and how far those are off.

@@ -99,4 +99,5 @@ class SampledSubject:
             view.pixels,
             self.dimensions,
             parts,
+            view.evenness,
         )

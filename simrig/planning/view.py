@@ -139,6 +139,21 @@ class View:
         return float(max(1.0 / along**2, 1.0))
 
     @cached_property
+    def evenness(self) -> float:
+        """How much of the squared weight of samples is that of their pixels' mean weights.
+
+        The samples of each pixel are stratified; what their weights vary by within it is not.
+        """
+        if self._filter is None:
+            return 1.0
+        distance, value = self._filter
+        pixel = np.floor(distance + 0.5).astype(np.int64)  # that of the centre is half of one
+        sums, squares = (np.bincount(pixel, value**power) for power in (1, 2))
+        steps = np.where(np.arange(len(sums)) == 0, 0.5, 1.0) / (distance[1] - distance[0])
+        along = float((sums**2 / steps).sum() / max(squares.sum(), 1e-12))
+        return min(along, 1.0) ** 2
+
+    @cached_property
     def _spread(self) -> tuple[Any, float] | None:
         """The inverse of the filter's distribution as a table, and its length."""
         if self._filter is None:
