@@ -119,6 +119,22 @@ def test_stratified_lights_are_weighed_unevenly_by_a_wide_filter() -> None:
     assert 0.7 < plan.about["noise"] / np.mean(off) < 1.6
 
 
+def test_footprints_end_where_the_film_does() -> None:
+    """Looks and pictures of few pixels behind a Gaussian see the same, at every pixel."""
+    film = {"type": "hdrfilm", "width": 3, "height": 2, "rfilter": {"type": "gaussian"}}
+    sky = {"type": "constant"}
+    ball = {"type": "sphere", "center": [0.4, 0.3, -6.0], "bsdf": {"type": "diffuse"}}
+    camera = {"type": "perspective", "fov": 25.0, "film": film}
+    away = mi.ScalarTransform4f().rotate([0, 1, 0], 180)
+    scene = mi.load_dict({"type": "scene", "e": sky, "b": ball, "s": {**camera, "to_world": away}})
+    path = mi.load_dict({"type": "direct"})
+    seen = View(scene).radiance_of_blocks(View(scene).blocks(32), path, 1 << 14, 1)
+    picture = render(scene, 1 << 14, 2, "direct").image
+    found = seen.reshape(2, 3, -1, 3).mean(axis=2)
+    np.testing.assert_allclose(found, picture, rtol=4e-3)
+    assert picture.max() > 1.05 * picture.min()
+
+
 def test_a_wide_filter_averages() -> None:
     """∫f² / (∫f)² of a Gaussian of σ = 0.5 is 1/(2 σ √π) on each axis, but for its cut ends."""
     film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "gaussian"}}

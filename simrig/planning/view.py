@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -154,27 +153,32 @@ class View:
         return min(along, 1.0) ** 2
 
     @cached_property
-    def _spread(self) -> tuple[Any, float] | None:
-        """The inverse of the filter's distribution as a table, and its length."""
+    def _spread(self) -> tuple[Any, Any, float] | None:
+        """The filter's distribution over distances and its inverse as tables, and the longest."""
         if self._filter is None:
             return None
         distance, value = self._filter
-        share = np.cumsum(np.maximum(value, 0.0))
-        share = np.concatenate([[0.0], share / share[-1]])
         edges = np.concatenate([[0.0], distance + 0.5 * (distance[1] - distance[0])])
+        share = np.cumsum(np.concatenate([[0.0], np.maximum(value, 0.0)]))
+        share /= share[-1]
         table = np.interp(np.linspace(0.0, 1.0, _STEPS), share, edges)
-        return rays.on_device(table), float(_STEPS - 1)
+        within = np.interp(np.linspace(0.0, edges[-1], _STEPS), edges, share)
+        return rays.on_device(table), rays.on_device(within), float(edges[-1])
 
-    def _offset(self, uniform: Any) -> Any:
-        """Return distances from a pixel's corner for numbers in [0, 1), by the filter."""
+    def _offset(self, uniform: Any, corner: Any, size: int) -> Any:
+        """Return distances from a pixel's corner for numbers in [0, 1), by the filter.
+
+        Films draw nothing beyond their border unless they say so: footprints end there.
+        """
         if self._spread is None:
             return uniform
-        table, last = self._spread
-        signed = 2.0 * uniform - 1.0
-        place = dr.minimum(dr.abs(signed) * last, last - 1e-3)
-        index = mi.UInt32(place)
-        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
-        return 0.5 + dr.copysign(low + (high - low) * (place - index), signed)
+        table, within, longest = self._spread
+        least, most = mi.Float(-1.0), mi.Float(1.0)
+        if not self.sensor.film().sample_border():
+            least = -_tabulated(within, (corner + 0.5) / longest)
+            most = _tabulated(within, (size - corner - 0.5) / longest)
+        signed = dr.lerp(least, most, uniform)
+        return 0.5 + dr.copysign(_tabulated(table, dr.abs(signed)), signed)
 
     def rays(self, samples: int, groups: int = GROUPS, seed: int = SEED) -> tuple[Any, Any, Any]:
         """Return camera rays through each looked-at pixel, spread as its filter weighs them.
@@ -202,16 +206,12 @@ class View:
     def blocks(self, along: int) -> np.ndarray:
         """Return the picture in blocks, (m, 4): column, row, width and height of each.
 
-        Without its border, where the film's filter is cut off, unless there is nothing else.
-
         Args:
             along: how many there are along the longer side, at most.
         """
-        border = 0 if self._filter is None else math.ceil(float(self._filter[0][-1]))
-        border = border if min(self.size) > 4 * border else 0
         side = max(-(-max(self.size) // along), 1)
-        width, height = (n - border for n in self.size)
-        columns, rows = range(border, width, side), range(border, height, side)
+        width, height = self.size
+        columns, rows = range(0, width, side), range(0, height, side)
         return np.array(
             [(x, y, min(side, width - x), min(side, height - y)) for y in rows for x in columns]
         )
@@ -244,7 +244,8 @@ class View:
             inside: numbers in [0, 1] that tell where in a footprint; drawn by default.
         """
         inside = drawn.next_2d() if inside is None else inside
-        place = mi.Point2f(corner[0] + self._offset(inside.x), corner[1] + self._offset(inside.y))
+        axes = zip(corner, (inside.x, inside.y), self.size, strict=True)
+        place = mi.Point2f(*(first + self._offset(u, first, size) for first, u, size in axes))
         place = dr.clip(place / mi.Point2f(*self.size), 0.0, 1.0 - 1e-6)
         aperture = drawn.next_2d() if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
         time = self.sensor.shutter_open()
@@ -254,6 +255,15 @@ class View:
         found, weight = self.sensor.sample_ray_differential(time, wavelength, place, aperture)
         weight = mi.Spectrum(weight) + dr.zeros(mi.Spectrum, count)
         return rays.wide(found, count), weight
+
+
+def _tabulated(table: Any, place: Any) -> Any:
+    """Return what lies in a table, over [0, 1], at places; its ends beyond them."""
+    last = _STEPS - 1.0
+    at = dr.clip(place * last, 0.0, last - 1e-3)
+    index = mi.UInt32(at)
+    low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+    return low + (high - low) * (at - index)
 
 
 def _some(pixels: np.ndarray, most: int) -> np.ndarray:
