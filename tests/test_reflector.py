@@ -221,7 +221,7 @@ def test_photograph_whose_flash_and_place_are_unknown(folded: Folded) -> None:
     photograph = np.zeros((260, 300, 3))
     photograph[31:223, 62:254] = image
     found = analyse_photograph(photograph, PERFECT)
-    assert found.flash_azimuth_deg == pytest.approx(70.0, abs=6.0)
+    assert found.mirror.flash_azimuth_deg == pytest.approx(70.0, abs=6.0)
     assert np.degrees(found.anisotropy.modes.found[0].axis) == pytest.approx(105.0, abs=1.5)
 
 

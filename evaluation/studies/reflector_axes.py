@@ -15,6 +15,7 @@ truth of its axis is the lobe's own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from simrig.core.tables import text_table
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
+from simrig.imaging.anisotropy_opening import Opening
 from simrig.rigs.imaging.sensor import Sensor
 from simrig.rigs.reflector.folded import Folded, fold, picture
 from simrig.rigs.reflector.mirror import Reflector
@@ -87,25 +89,27 @@ def photographed(material: Brdf, rotation_deg: float, camera: str, seed: int) ->
     """Return what one picture of a material says, seen by a camera of ``CAMERAS``."""
     folded = _folded(camera)
     image = picture(folded, material, rotation_deg)
-    if camera == "ideal":
+    if camera != "ideal":
+        image = _exposed(image, folded, seed)
+    if camera != "imperfect":
         return analyse_photograph(image, folded.mirror, None, _opening(folded), 0.0)
-    shot = _exposed(image, folded, seed)
-    if camera == "camera":
-        return analyse_photograph(shot, folded.mirror, None, _opening(folded), 0.0)
-    return analyse_photograph(shot, Reflector(), _paper(camera))
+    paper, mirror, opening = _paper(camera)
+    azimuth = mirror.flash_azimuth_deg
+    return analyse_photograph(image, mirror, paper, astuple(opening), azimuth)
 
 
 @lru_cache(maxsize=3)
 def _folded(camera: str) -> Folded:
-    if camera == "imperfect":
-        return fold(Reflector(**IMPERFECT), PIXELS, flash_points=7)
-    return fold(Reflector(), PIXELS, flash_points=1)
+    return fold(Reflector(**(IMPERFECT if camera == "imperfect" else {})), PIXELS)
 
 
 @lru_cache(maxsize=3)
-def _paper(camera: str) -> np.ndarray:
-    """Return the photograph of black paper, taken once."""
-    return _exposed(picture(_folded(camera), Lambert((_BLACK,) * 3)), _folded(camera), 999_983)
+def _paper(camera: str) -> tuple[np.ndarray, Reflector, Opening]:
+    """Return the photograph of black paper, taken once, and what it shows of the instrument."""
+    folded = _folded(camera)
+    paper = _exposed(picture(folded, Lambert((_BLACK,) * 3)), folded, 999_983)
+    shown = analyse_photograph(paper, Reflector(), paper)
+    return paper, shown.mirror, shown.opening
 
 
 def _opening(folded: Folded) -> tuple[float, float, float]:

@@ -119,7 +119,7 @@ def analyse(
             "modulation": modes.modulation,
             "significance": modes.significance,
             "opening": [found.opening.x, found.opening.y, found.opening.diameter],
-            "flash_azimuth_deg": found.flash_azimuth_deg,
+            "flash_azimuth_deg": found.mirror.flash_azimuth_deg,
             "residual": found.anisotropy.residual,
             "detection_seconds": found.seconds,
             "compute_seconds": seconds,
@@ -130,7 +130,7 @@ def analyse(
             "uncertainties)",
             *([frame.table(("axis", "width", "strength", "colour"), rows)] if rows else []),
             f"opening {found.opening.diameter:.1f} pixels at {found.opening.x:.1f}, "
-            f"{found.opening.y:.1f}; flash at {found.flash_azimuth_deg:.1f}°; detection "
+            f"{found.opening.y:.1f}; flash at {found.mirror.flash_azimuth_deg:.1f}°; detection "
             f"{found.seconds:.2f} s of {seconds:.2f} s",
         ],
     )

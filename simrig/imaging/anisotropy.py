@@ -35,6 +35,7 @@ _BRIGHT = 6.0  # pixels with more than this times the median irradiance lie in t
 _SPECK = 1.3  # times the brightest neighbour, or below the darkest one by this
 _WELL_LIT = (0.001, 0.95)  # quantiles of the half vectors' polar angles
 _STEP_DEG = 1.0  # of profiles
+_SPARSE = 10  # of their azimuths, for a mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +186,32 @@ def analyse(
         unknowns = cho_solve(solved, known_sides)
         left = values - 1.0 - matrix @ unknowns
         variance = _variance(left, rows, side)
-    return _read(system, solved, unknowns, variance, mean, float(np.sqrt(np.mean(left**2))))
+    halves = _halves(rows, side, matrix, penalty, values - 1.0)
+    residual = float(np.sqrt(np.mean(left**2)))
+    return _read(system, solved, unknowns, variance, halves, mean, residual)
+
+
+_Solved = tuple[tuple[np.ndarray, bool], np.ndarray]  # Cholesky's with penalty, without it
+
+
+def _halves(
+    rows: np.ndarray, side: int, matrix: np.ndarray, penalty: np.ndarray, values: np.ndarray
+) -> list[tuple[np.ndarray, list[_Solved]]]:
+    """Return by how much the unknowns of two halves of the picture differ, and their systems.
+
+    Left and right, and above and below: each half sees every azimuth of the half vector. What is
+    the material's repeats; what an uneven or misplaced mirror adds does not.
+    """
+    found = []
+    for along in (rows % side, rows // side):
+        both, systems = [], []
+        for own in (along < side / 2, along >= side / 2):
+            part = matrix[own].T @ matrix[own]
+            solved = cho_factor(part + np.diag(penalty + 1e-12 * np.trace(part)))
+            both.append(cho_solve(solved, matrix[own].T @ values[own]))
+            systems.append((solved, part))
+        found.append((both[0] - both[1], systems))
+    return found
 
 
 def _checked(what: str, picture: np.ndarray, lighting: Lighting) -> np.ndarray:
@@ -337,6 +363,7 @@ def _read(
     solved: tuple[np.ndarray, bool],
     unknowns: np.ndarray,
     variance: np.ndarray,
+    halves: list[tuple[np.ndarray, list[_Solved]]],
     mean: float,
     residual: float,
 ) -> Anisotropy:
@@ -366,6 +393,27 @@ def _read(
         along = np.tensordot(weight[:, c], basis, axes=1)
         along -= along.mean(axis=0)
         covariance += variance[c] * along @ cho_solve(solved, along.T)
+    covariance *= max(_excess(weight, basis, variance, *half) for half in halves)
     modes = find_modes(phi, profile, covariance, unrolled.mean(axis=0), share)
     uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Anisotropy(modes, thetas, phi, unrolled * mean, profile, uncertainty, residual, share)
+
+
+def _excess(
+    weight: np.ndarray,
+    basis: np.ndarray,
+    variance: np.ndarray,
+    difference: np.ndarray,
+    systems: list[_Solved],
+) -> float:
+    """Return by what factor profiles of two halves vary more than their noise says, at least 1."""
+    along = np.einsum("kc,kpu->cpu", weight, basis)
+    along -= along.mean(axis=1, keepdims=True)
+    differing = np.einsum("cpu,uc->p", along, difference)
+    sparse = along[:, ::_SPARSE]
+    usual = _LEAST_VARIANCE
+    for solved, gram in systems:
+        for c in range(3):
+            read = cho_solve(solved, sparse[c].T)
+            usual += variance[c] * float(np.sum(read * (gram @ read), axis=0).mean())
+    return max(1.0, float(np.mean(differing**2) / usual))

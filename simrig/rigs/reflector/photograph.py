@@ -11,14 +11,13 @@ from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
 from simrig.files.pictures.reader import read_picture
 from simrig.imaging.anisotropy import Anisotropy, analyse
-from simrig.imaging.anisotropy_opening import Opening, brightest_spot, cut_out, find_opening
+from simrig.imaging.anisotropy_opening import Opening, cut_out, find_opening
+from simrig.rigs.reflector.alignment import align, gathered
 from simrig.rigs.reflector.folded import fold
 from simrig.rigs.reflector.lighting import lighting_of
 from simrig.rigs.reflector.mirror import Reflector
 
 PIXELS = 192  # of the picture that is cut out; the least squares see blocks of 2 × 2
-# of the pixels, where light gathers; a highlight draws out a large spot
-_SPOT, _SMALL_SPOT = 0.03, 0.005
 _WHITE = 0.999  # of the largest value of an integer format: saturated
 
 
@@ -30,14 +29,14 @@ class Analysed:
         anisotropy: of the material.
         picture: (pixels, pixels, 3) that was cut out.
         opening: where, in the photograph.
-        flash_azimuth_deg: of the flash, counter-clockwise from the picture's right.
+        mirror: the instrument that the light was solved for, its flash where it was found.
         seconds: of the detection, once the instrument is solved.
     """
 
     anisotropy: Anisotropy
     picture: np.ndarray
     opening: Opening
-    flash_azimuth_deg: float
+    mirror: Reflector
     seconds: float
 
 
@@ -68,7 +67,8 @@ def analyse_photograph(
         mirror: the instrument; its imperfections are not known and left out.
         reference: the same photograph of an even dull material, in the same place.
         opening: x, y, diameter in pixels; found unless given.
-        flash_azimuth_deg: counter-clockwise from the picture's right; found unless given.
+        flash_azimuth_deg: counter-clockwise from the picture's right; found unless given. A
+            reference refines both (``align``), unless both are given.
 
     Raises:
         SimrigError: an opening that is not found, or what the analysis refuses.
@@ -80,43 +80,19 @@ def analyse_photograph(
         )
     if flash_azimuth_deg is not None and not np.isfinite(flash_azimuth_deg):
         raise SimrigError(f"the flash's azimuth must be finite, got {flash_azimuth_deg}")
-    clear = photograph if reference is None else reference
-    circle = find_opening(clear) if opening is None else Opening(*opening)
-    picture = cut_out(photograph, circle, PIXELS)
-    even = None if reference is None else cut_out(reference, circle, PIXELS)
     own = mirror.perfect
     if flash_azimuth_deg is not None:
         own = replace(own, flash_azimuth_deg=flash_azimuth_deg)
-    elif mirror.flash_mm > 0.0:
-        own = _aligned(own, picture if even is None else even, even is not None)
-    lighting = lighting_of(fold(own, PIXELS, flash_points=1))
+    clear = photograph if reference is None else reference
+    circle = find_opening(clear) if opening is None else Opening(*opening)
+    if flash_azimuth_deg is None and own.flash_mm > 0.0:
+        own = gathered(own, cut_out(clear, circle, PIXELS), even=reference is not None)
+    if reference is not None and (opening is None or flash_azimuth_deg is None):
+        own, circle = align(own, reference, circle, PIXELS)
+    picture = cut_out(photograph, circle, PIXELS)
+    even = None if reference is None else cut_out(reference, circle, PIXELS)
+    lighting = lighting_of(fold(own, PIXELS))
     _ = lighting.system  # of the instrument, not of the picture
     elapsed = stopwatch()
     found = analyse(picture, lighting, even)
-    return Analysed(found, picture, circle, own.flash_azimuth_deg, elapsed())
-
-
-def _aligned(mirror: Reflector, picture: np.ndarray, even: bool) -> Reflector:
-    """Return the instrument with its flash where light gathers as it does in a picture.
-
-    Light of a flash beside the axis gathers on the other side. A small tilt of the mirror shifts it
-    as well, and counts as the flash's; told from the picture of an even material alone, since
-    highlights move the middle of what is bright.
-
-    Raises:
-        SimrigError: light gathers elsewhere than in any picture of the instrument.
-    """
-    share = _SPOT if even else _SMALL_SPOT
-    x, y = brightest_spot(picture, share)
-    own = replace(mirror, flash_azimuth_deg=0.0)
-    usual, _ = brightest_spot(fold(own, PIXELS, flash_points=1).total[..., None], share)
-    ratio = float(np.hypot(x, y) / abs(usual))
-    if not 0.3 <= ratio <= 2.0:
-        raise SimrigError(
-            f"light gathers {ratio:.2g} times as far from the opening's middle as the instrument "
-            "would have it: state the flash's azimuth, or give the picture of a black paper"
-        )
-    azimuth = float(np.degrees(np.arctan2(-y, -x)))
-    return replace(
-        mirror, flash_mm=mirror.flash_mm * (ratio if even else 1.0), flash_azimuth_deg=azimuth
-    )
+    return Analysed(found, picture, circle, own, elapsed())
