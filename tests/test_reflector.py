@@ -29,7 +29,7 @@ PERFECT = Reflector(reflectance=(1.0, 1.0, 1.0))
 @pytest.fixture(scope="module")
 def folded() -> Folded:
     """Return the instrument of the thesis, solved for a picture of 192 pixels."""
-    return fold(PERFECT, 192, flash_points=1)
+    return fold(PERFECT, 192)
 
 
 def test_light_of_one_focus_meets_in_the_other() -> None:
@@ -216,7 +216,7 @@ def test_opening_is_found_and_cut_out() -> None:
 
 
 def test_photograph_whose_flash_and_place_are_unknown(folded: Folded) -> None:
-    turned = fold(replace(PERFECT, flash_azimuth_deg=70.0), 192, flash_points=1)
+    turned = fold(replace(PERFECT, flash_azimuth_deg=70.0), 192)
     image = picture(turned, kurt_material("yellow_satin"), 15.0)
     photograph = np.zeros((260, 300, 3))
     photograph[31:223, 62:254] = image
@@ -264,3 +264,16 @@ def test_traced_picture_agrees_within_its_noise() -> None:
     assert away.mean() < 2.0 * traced.uncertainty[outer].mean() + 0.005 * traced.picture.mean()
     with pytest.raises(SimrigError, match="even, upright"):
         trace(replace(mirror, dust=0.1), material)
+
+
+@pytest.mark.slow
+def test_a_reference_tells_where_flash_and_opening_are(folded: Folded) -> None:
+    """A plain search by area is off by a third of a pixel; light gathers on one side."""
+    paper = np.zeros((260, 300, 3))
+    paper[31:223, 62:254] = picture(folded, Lambert((0.04,) * 3))
+    found = analyse_photograph(paper, PERFECT, paper)
+    assert found.mirror.flash_azimuth_deg == pytest.approx(PERFECT.flash_azimuth_deg, abs=0.1)
+    assert found.mirror.flash_mm == pytest.approx(PERFECT.flash_mm, abs=0.3)
+    assert (found.opening.x, found.opening.y) == pytest.approx((157.5, 126.5), abs=0.05)
+    assert found.opening.diameter == pytest.approx(192 / 1.1, abs=0.2)
+    assert not found.anisotropy.modes.found
