@@ -273,7 +273,7 @@ def test_a_reference_tells_where_flash_and_opening_are(folded: Folded) -> None:
     paper[31:223, 62:254] = picture(folded, Lambert((0.04,) * 3))
     found = analyse_photograph(paper, PERFECT, paper)
     assert found.mirror.flash_azimuth_deg == pytest.approx(PERFECT.flash_azimuth_deg, abs=0.1)
-    assert found.mirror.flash_mm == pytest.approx(PERFECT.flash_mm, abs=0.3)
-    assert (found.opening.x, found.opening.y) == pytest.approx((157.5, 126.5), abs=0.05)
+    assert found.mirror.flash_mm == pytest.approx(PERFECT.flash_mm, abs=0.5)
+    assert (found.opening.x, found.opening.y) == pytest.approx((157.5, 126.5), abs=0.1)
     assert found.opening.diameter == pytest.approx(192 / 1.1, abs=0.2)
     assert not found.anisotropy.modes.found

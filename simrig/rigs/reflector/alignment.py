@@ -1,8 +1,8 @@
 """Where the opening and the flash of a reflector are, by one picture of an even, dull material.
 
 Such a picture is the irradiance. The model's, moved and widened to fit it, says where the flash
-stands as seen from the mirror (a tilt of the mirror moves it) and where the opening lies, to a few
-hundredths of a pixel: Gauss-Newton steps with weights that forgive what fits nowhere (dust,
+stands as seen from the mirror (a tilt of the mirror moves it) and where the opening lies, to a
+tenth of a pixel: Gauss-Newton steps with weights that forgive what fits nowhere (dust,
 caustics, uneven spots), beside a polynomial for fall-off and vignetting.
 """
 
@@ -67,9 +67,9 @@ def align(
     found = _fitted(mirror, cut_out(reference, opening, pixels, _MARGIN), moving)
     scale = _MARGIN * opening.diameter / pixels / (1.0 + found[4])
     placed = Opening(
-        opening.x - float(found[2]) * scale,
-        opening.y - float(found[3]) * scale,
-        opening.diameter / (1.0 + float(found[4])),
+        float(opening.x - found[2] * scale),
+        float(opening.y - found[3] * scale),
+        float(opening.diameter / (1.0 + found[4])),
     )
     return (_with_flash(mirror, found) if moving else mirror), placed
 
