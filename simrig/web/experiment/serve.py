@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from simrig.core.errors import SimrigError
 from simrig.web.experiment.design import read_design
@@ -57,19 +57,20 @@ def prepared(
 def _announced(folder: Path, origin: str) -> Iterator[None]:
     """Note in the folder where it is served, so that virtual observers find it."""
     note = folder / SERVING
-    note.write_text(json.dumps({"origin": origin, "pid": os.getpid()}), encoding="utf-8")
+    note.write_text(json.dumps({"origin": origin}), encoding="utf-8")
     try:
         yield
     finally:
-        if serving(folder) == origin:
-            note.unlink(missing_ok=True)
+        note.unlink(missing_ok=True)
 
 
 def serving(folder: Path) -> str | None:
-    """Return where a folder is served by a process that lives, if it is."""
+    """Return where a folder is served, if somebody listens there."""
     try:
         said = json.loads((folder / SERVING).read_text(encoding="utf-8"))
-        os.kill(int(said["pid"]), 0)
-        return str(said["origin"])
+        origin = str(said["origin"])
+        address = urlsplit(origin)
+        socket.create_connection((str(address.hostname), int(address.port or 0)), 2.0).close()
+        return origin
     except (OSError, ValueError, KeyError, TypeError):
         return None
