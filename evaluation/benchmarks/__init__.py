@@ -7,12 +7,21 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from simrig.evaluation.benchmarks import merging, planned, plugins, recording, sampling, storage
+from simrig.evaluation.benchmarks import (
+    basis,
+    merging,
+    planned,
+    plugins,
+    recording,
+    sampling,
+    storage,
+)
 from simrig.evaluation.benchmarks.btf import measurement as btf_measurement
 from simrig.evaluation.benchmarks.btf import rendering as btf
 from simrig.evaluation.benchmarks.whole_array import methods as whole_array
 
 BENCHMARKS: dict[str, ModuleType] = {
+    "basis": basis,
     "btf": btf,
     "btf-measurement": btf_measurement,
     "merging": merging,

@@ -28,6 +28,7 @@ from simrig.evaluation.studies.pareto import study as pareto
 from simrig.evaluation.studies.placement import study as placement
 from simrig.evaluation.studies.registration import study as registration
 from simrig.evaluation.studies.room_switch import study as room_switch
+from simrig.evaluation.studies.sampling_comparison import study as sampling_comparison
 from simrig.evaluation.studies.table_5_2 import study as table_5_2
 
 STUDIES: dict[str, Study] = {
@@ -57,5 +58,6 @@ STUDIES: dict[str, Study] = {
         dense_brdf.STUDY,
         btf_against_structure.STUDY,
         btf_slices.STUDY,
+        sampling_comparison.STUDY,
     )
 }
