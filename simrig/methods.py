@@ -202,9 +202,9 @@ def method(name: str) -> Method:
 
 
 def method_for(measurement: Measurement) -> Method:
-    """Return the first method that was made for measurements by such a plan, else barycentric."""
+    """Return the first method made for such a plan; basis where it has a database, barycentric."""
     own = (m for m in METHODS.values() if m.plan_name == measurement.plan.name)
-    return next(own, METHODS[_ANY_DIRECTIONS])
+    return next(own, METHODS["basis" if measurement.plan.needs else _ANY_DIRECTIONS])
 
 
 def _assumed(material: Brdf, plan: Plan) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ PLAN_OPTIONS: dict[str, dict[str, object]] = {
     "directions": {"pairs": "pairs.txt"},
     "tailored": {"axes": "30,120"},
     "minimal": {"database": "mine", "samples": 24},
+    "template": {"database": "mine", "samples": 150},
     "large-sample": {"centres": "2", "spacing_mm": 138.0, "oblique_azimuths": 2},
 }
 RIGS_OF = {"large-sample": "utia-large"}  # plans that the sample of 30 mm is too small for

@@ -124,7 +124,7 @@ def reference_pattern(spaces: Subspaces, count: int, passes: int = 0) -> Pattern
     if not len(sizes) <= count <= sum(sizes):
         raise SimrigError(f"a pattern has {len(sizes)} to {sum(sizes)} samples, got {count}")
     pattern = [[int(np.argmin(np.abs(v - v.mean(axis=0)).sum(axis=1)))] for v in spaces.values]
-    state = _State(spaces, pattern)
+    state = Refined(spaces, pattern)
     while sum(map(len, pattern)) < count:
         state.add()
     for _ in range(passes):
@@ -137,7 +137,7 @@ def reference_pattern(spaces: Subspaces, count: int, passes: int = 0) -> Pattern
     return pattern
 
 
-class _State:
+class Refined:
     """Which subspace is worst under a pattern, and where."""
 
     def __init__(self, spaces: Subspaces, pattern: Pattern):
@@ -204,13 +204,20 @@ def _levels(size: int, azimuths: int) -> list[list[int]]:
     return found
 
 
+def regular_pattern(spaces: Subspaces) -> Pattern:
+    """Return 4 × 4 azimuths in each subspace (4 where one direction is at the pole)."""
+    levels = (_levels(len(v), spaces.azimuths) for v in spaces.values)
+    return [list(own[min(3, len(own) - 1)]) for own in levels]
+
+
 def axial_and_diagonal(azimuths: int, count: int) -> list[int]:
     """Return nodes of a subspace on an axial slice (one turn), then on four diagonal ones.
 
     The first ``azimuths`` nodes are those that alignment takes.
     """
     turn = np.arange(azimuths)
-    axial = turn * azimuths + (turn + azimuths // 2) % azimuths
+    # an eighth of a turn beside the mirror direction, where many materials look the same all round
+    axial = turn * azimuths + (turn + azimuths // 2 - azimuths // 8) % azimuths
     found = axial.tolist()
     each = max(1, count // 4)
     for k in range(4):
@@ -249,8 +256,7 @@ def template_pattern(
     Raises:
         SimrigError: too few samples for 4 × 4 nodes.
     """
-    pattern = [list(own[min(3, len(own) - 1)]) for own in
-               (_levels(len(v), truth.azimuths) for v in truth.values)]  # fmt: skip
+    pattern = regular_pattern(truth)
     if sum(map(len, pattern)) > count:
         raise SimrigError(f"method2 needs {sum(map(len, pattern))} samples at least, got {count}")
     weights = np.array([0.299, 0.587, 0.114])
@@ -263,7 +269,7 @@ def template_pattern(
         )  # fmt: skip
         best = most_similar(own, others)
         if best != chosen or state is None:
-            chosen, state = best, _State(database[best], pattern)
+            chosen, state = best, Refined(database[best], pattern)
         for _ in range(min(spare, count - sum(map(len, pattern)))):
             state.add()
     return pattern

@@ -14,7 +14,9 @@ from simrig.plans.large_sample import LargeSamplePlan
 from simrig.plans.listed import Directions, SchemePlan
 from simrig.plans.minimal import MinimalPlan
 from simrig.plans.protocol import Plan
+from simrig.plans.reflectometer import ReflectometerPlan
 from simrig.plans.tailored import TailoredPlan
+from simrig.plans.template import TemplatePlan
 from simrig.plans.uniform import RegularGrid, UniformPlan
 from simrig.plans.visible_normals import VisibleNormalsPlan
 
@@ -34,6 +36,8 @@ PLANS: dict[str, type[Plan]] = {
         TailoredPlan,
         LargeSamplePlan,
         MinimalPlan,
+        ReflectometerPlan,
+        TemplatePlan,
         Directions,
     )
 }
