@@ -197,7 +197,7 @@ def _tables(own: Known) -> list[DenseTable]:
     Raises:
         SimrigError: another kind of BRDF in it, or another grid.
     """
-    found: list[tuple[float, ...]] = []
+    found: list[DenseTable] = []
     for entry in own.database.entries:
         brdf = entry.load()
         grid = brdf.values.shape if isinstance(brdf, DenseTable) else None
