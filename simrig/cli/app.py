@@ -104,7 +104,11 @@ _DATABASE: Commands = {
     "show": database.show,
     "export": database.export,
 }
-_REFLECTOR: Commands = {"picture": reflector.picture, "analyse": reflector.analyse}
+_REFLECTOR: Commands = {
+    "picture": reflector.picture,
+    "analyse": reflector.analyse,
+    "subspace": reflector.subspace,
+}
 _STIMULI: Commands = {
     "cylinders": stimuli.cylinders,
     "rotation": stimuli.rotation,
@@ -135,7 +139,7 @@ _GROUPS: dict[str, tuple[str, Commands]] = {
     "study": ("Published tables and figures beside ours.", _STUDY),
     "btf": ("BTFs: measure, look at, convert, fill, average.", _BTF),
     "database": ("BRDFs known before: the virtual database, or your own.", _DATABASE),
-    "reflector": ("One picture under an ellipsoidal mirror, and its anisotropy.", _REFLECTOR),
+    "reflector": ("An ellipsoidal mirror: anisotropy in one picture, swept subspaces.", _REFLECTOR),
     "experiment": ("Ask people on the web from where on structure cannot be seen.", _EXPERIMENT),
     "process": ("From recorded pictures to values, stage by stage.", _PROCESS),
     "stimuli": ("Scenes of the study of structure: cylinders, frames, room.", _STIMULI),

@@ -1,4 +1,4 @@
-"""``simrig reflector``: pictures under an ellipsoidal mirror, and the anisotropy that they show."""
+"""``simrig reflector``: pictures under an ellipsoidal mirror, and what they show of a material."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from simrig.cli import frame
-from simrig.cli.options import Material, Overwrite, check_picture, numbers, write_picture
+from simrig.cli.options import Material, Overwrite, Seed, check_picture, numbers, write_picture
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
 
@@ -132,6 +132,79 @@ def analyse(
             f"opening {found.opening.diameter:.1f} pixels at {found.opening.x:.1f}, "
             f"{found.opening.y:.1f}; flash at {found.mirror.flash_azimuth_deg:.1f}°; detection "
             f"{found.seconds:.2f} s of {seconds:.2f} s",
+        ],
+    )
+
+
+def subspace(
+    material: Material,
+    output: Annotated[
+        Path, typer.Option(help="f_r by azimuths of light (down) and view, 0 if unseen: .exr.")
+    ],
+    theta_i: Annotated[float, typer.Option(help="Polar angle of the ray, degrees.")] = 50.0,
+    theta_v: Annotated[float, typer.Option(help="Of the view, degrees.")] = 50.0,
+    step: Annotated[float, typer.Option(help="Of the azimuths, degrees.")] = 1.0,
+    patterns: Annotated[str, typer.Option(help="ray, or hadamard: half of them at once.")] = "ray",
+    lumens: Annotated[float, typer.Option(help="Of the projector.")] = 300.0,
+    slope_error: Annotated[float, typer.Option(help="Of the mirror, mrad.")] = 1.0,
+    rotation: Annotated[float, typer.Option(help="Of the material, degrees.")] = 0.0,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+) -> frame.Report:
+    """Sweep a ray about the reflector and record one azimuthal subspace of a BRDF."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from simrig.core.cost import stopwatch
+    from simrig.files.load import load_material
+    from simrig.rigs.reflector.mirror import CONJUGATE
+    from simrig.rigs.reflector.subspace import Projector, measure_subspace, true_subspace
+
+    check_picture(output)
+    brdf = load_material(material)
+    polar = [float(np.radians(theta)) for theta in (theta_i, theta_v)]
+    with output_file(output, overwrite):
+        elapsed = stopwatch()
+        found = measure_subspace(
+            brdf,
+            polar[0],
+            polar[1],
+            mirror=replace(CONJUGATE, slope_rms_mrad=slope_error),
+            projector=Projector(lumens=lumens),
+            patterns=patterns,
+            step_deg=step,
+            rotation_deg=rotation,
+            seed=seed,
+        )
+        truth = true_subspace(brdf, *polar, found.phi, rotation)
+        about = {"material": brdf.name, "theta_i_deg": theta_i, "theta_v_deg": theta_v,
+                 "patterns": patterns, "unit": "1/sr"}  # fmt: skip
+        write_picture(
+            output, np.nan_to_num(found.values), about, 1.0 / max(float(truth.max()), 1e-12)
+        )
+        seconds = elapsed()
+    away = found.values - truth
+    level = max(float(truth.mean()), 1e-12)
+    data = {
+        "file": output,
+        "azimuths": len(found.phi),
+        "pictures": found.pictures,
+        "hardware_seconds": found.hardware_seconds,
+        "exposure_seconds": found.exposure_s,
+        "unseen": float(np.isnan(found.values[..., 0]).mean()),
+        "relative_rmse": float(np.sqrt(np.nanmean(away**2)) / level),
+        "relative_bias": float(np.nanmean(away) / level),
+        "compute_seconds": seconds,
+    }
+    return frame.Report(
+        data=data,
+        shown=[
+            f"{output}: {len(found.phi)} × {len(found.phi)} azimuths at {theta_i:g}° and "
+            f"{theta_v:g}°, {found.pictures} pictures in {found.hardware_seconds:.1f} s of the "
+            f"instrument, {seconds:.1f} s of computing",
+            f"against f_r itself: RMSE {100.0 * data['relative_rmse']:.1f} % of the mean, bias "
+            f"{100.0 * data['relative_bias']:.2f} %; {100.0 * data['unseen']:.1f} % not seen",
         ],
     )
 
