@@ -95,7 +95,7 @@ def _stepped(material: Brdf, step_deg: float) -> list[dict[str, Any]]:
     truth = true_subspace(material, _THETA, _THETA, phi)
     ray = _swept(material, "ray", step_deg, noise=False).hardware_seconds
     one = _taken(material, 1)[1]
-    rows = []
+    rows: list[dict[str, Any]] = []
     for steps in (max(int(np.sqrt(ray / one)), 1), *(round(360.0 / s) for s in _STEPS_DEG)):
         values, seconds = _taken(material, steps)
         place = np.stack(np.meshgrid(phi, phi, indexing="ij")) / (2.0 * np.pi) * steps
@@ -142,7 +142,7 @@ def _errors(values: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
 
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the means of every way, and what Hadamard patterns gain in signal to noise."""
-    ways = {}
+    ways: dict[str, dict[str, Any]] = {}
     for name in distinct(rows, "name"):
         own = where(rows, name=name)
         ways[name] = means(own, (*_KEYS, "samples", "hardware_seconds", "leak", "unseen"))

@@ -163,13 +163,12 @@ def subspace(
 
     check_picture(output)
     brdf = load_material(material)
-    polar = [float(np.radians(theta)) for theta in (theta_i, theta_v)]
+    polar = float(np.radians(theta_i)), float(np.radians(theta_v))
     with output_file(output, overwrite):
         elapsed = stopwatch()
         found = measure_subspace(
             brdf,
-            polar[0],
-            polar[1],
+            *polar,
             mirror=replace(CONJUGATE, slope_rms_mrad=slope_error),
             projector=Projector(lumens=lumens),
             patterns=patterns,
@@ -186,7 +185,7 @@ def subspace(
         seconds = elapsed()
     away = found.values - truth
     level = max(float(truth.mean()), 1e-12)
-    data = {
+    data: dict[str, Any] = {
         "file": output,
         "azimuths": len(found.phi),
         "pictures": found.pictures,
