@@ -1,119 +1,115 @@
-"""Subspaces by a swept ray: patterns, Lambertian and directional truths, noise, refusals."""
-
-from __future__ import annotations
-
-import json
-from dataclasses import replace
-from pathlib import Path
+"""The two-dimensional subspace (thesis 5.3), against the four-dimensional form and closed forms."""
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from simrig.brdf import kurt_material
-from simrig.brdf.analytic import Lambert
-from simrig.cli.app import app
+from refusals import refused
+from simrig.brdf import Lambert, kurt_material
+from simrig.core import backend
 from simrig.core.errors import SimrigError
-from simrig.files.pictures.reader import read_picture
-from simrig.rigs.reflector.mirror import CONJUGATE, Reflector
-from simrig.rigs.reflector.subspace import (
-    Projector,
-    light_patterns,
-    measure_subspace,
-    true_subspace,
-)
+from simrig.plans.along_slices import SlicePlan, slice_samples
+from simrig.plans.placement import SlicePlacement, SubspacePlacement
+from simrig.reconstruction.slices.subspace import reconstruct_subspace
+from simrig.reconstruction.slices.tables import reconstruct
+from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
-THETA = float(np.radians(50.0))
+RIG = Gonioreflectometer()
 
 
-def test_hadamard_patterns_are_s_matrices() -> None:
-    """S Sᵀ = (n + 1) / 4 (I + J): Sloane and Harwit 1976."""
-    patterns = light_patterns("hadamard", 1.0)
-    count = len(patterns)
-    assert count == 359 and set(np.unique(patterns)) == {0.0, 1.0}
-    expected = 0.25 * (count + 1) * (np.eye(count) + np.ones((count, count)))
-    assert np.array_equal(patterns @ patterns.T, expected)
-    assert np.array_equal(light_patterns("ray", 10.0), np.eye(36))
+def measured(material, where, samples):
+    return slice_samples(RIG.measure(material, SlicePlan(where, samples, "axial-diagonal")))
 
 
-@pytest.mark.parametrize("patterns", ["ray", "hadamard"])
-def test_a_lambertian_sample_is_flat(patterns: str) -> None:
-    found = measure_subspace(
-        Lambert((0.2, 0.4, 0.6)), THETA, THETA, patterns=patterns, step_deg=10.0, noise=False
-    )
-    for channel, albedo in enumerate((0.2, 0.4, 0.6)):
-        assert found.values[..., channel] == pytest.approx(albedo / np.pi, rel=1e-9)
+def placement(theta_i=30, theta_v=75, step=30):
+    return SubspacePlacement(*np.radians([theta_i, theta_v, step]))
 
 
-def test_directions_are_those_of_the_brdf() -> None:
-    """Pupils of a point on the axis: the foci's directions are exact, retro-reflection too."""
-    mirror = replace(CONJUGATE, lens_diameter_mm=1.0)
-    projector = Projector(beside_mm=0.0)
-    material = kurt_material("fabric135")
-    for theta_i, theta_v in ((50.0, 50.0), (35.0, 60.0)):
-        angles = np.radians(theta_i), np.radians(theta_v)
-        found = measure_subspace(
-            material, *angles, mirror=mirror, projector=projector, step_deg=2.0, rotation_deg=33.0,
-            noise=False,
-        )  # fmt: skip
-        truth = true_subspace(material, *angles, found.phi, 33.0)
-        assert np.isfinite(found.values).all()
-        assert np.abs(found.values - truth).mean() < 0.01 * truth.mean()
+def error(material, subspace, where, size=180):
+    phi = np.arange(size) * (2 * np.pi / size)
+    phi_i, phi_v = (a.ravel() for a in np.meshgrid(phi, phi, indexing="ij"))
+    theta = (np.full(phi_i.shape, t) for t in (where.theta_i, where.theta_v))
+    truth = RIG.record(material, np.stack([*theta, phi_i, phi_v], axis=1)).values
+    return np.abs(subspace.picture(size).reshape(-1, 3) / truth - 1.0).mean()
 
 
-def test_many_lights_help_where_light_is_scarce() -> None:
-    """The gain of S-matrices for noise that does not grow with light: (n + 1) / (2 √n)."""
-    material, errors = kurt_material("purple_satin"), {}
-    for patterns in ("ray", "hadamard"):
-        own = {"patterns": patterns, "step_deg": 8.0, "projector": Projector(lumens=0.5)}
-        clear = measure_subspace(material, THETA, THETA, noise=False, **own)
-        noisy = measure_subspace(material, THETA, THETA, seed=3, **own)
-        errors[patterns] = np.sqrt(np.mean((noisy.values - clear.values) ** 2))
-    count = 43
-    assert errors["ray"] / errors["hadamard"] == pytest.approx(
-        0.5 * (count + 1) / count**0.5, rel=0.35
+@pytest.mark.parametrize("thetas", [(30, 75), (75, 30), (60, 60)])
+def test_corners_and_counts(thetas):
+    where = placement(*thetas)
+    a_n = where.azimuth_count
+    assert where.intersections == (a_n * a_n + a_n if thetas == (60, 60) else 2 * a_n * a_n)
+    assert len(where.corner_angles()) == where.intersections
+    assert where.corner_samples().max() == where.intersections - 1
+
+
+@pytest.mark.parametrize("thetas", [(30, 75), (75, 30), (75, 75)])
+def test_more_samples_come_closer_to_the_material(thetas):
+    material, where = kurt_material("fabric112"), placement(*thetas)
+    errors = []
+    for samples in (400, 1600):
+        found = measured(material, where, samples)
+        assert len(found.values) == samples
+        errors.append(error(material, reconstruct_subspace(found, where), where))
+    assert errors[1] < errors[0] < 0.1
+    assert errors[1] < 0.02
+
+
+def test_slices_are_reproduced_exactly_where_they_were_measured():
+    material, where = kurt_material("yellow_satin"), placement(60, 60, 36)
+    found = measured(material, where, 900)
+    subspace = reconstruct_subspace(found, where)
+    phi = found.angles[: where.intersections, 2:]
+    np.testing.assert_allclose(
+        subspace.eval(phi[:, 0], phi[:, 1]), found.values[: where.intersections], rtol=2e-5
     )
 
 
-def test_time_is_that_of_the_thesis() -> None:
-    found = measure_subspace(Lambert(), THETA, THETA, patterns="ray", step_deg=1.0, noise=False)
-    assert len(found.phi) == 360
-    assert found.hardware_seconds == pytest.approx(12.0, abs=0.4)
-    assert found.exposure_s <= 1.0 / 30.0
+def test_it_is_the_four_dimensional_form_without_the_thetas(rng):
+    material, where = kurt_material("fabric135"), placement(40, 80, 36)
+    full = SlicePlacement.from_degrees(40, 36)
+    count = full.intersections  # only the intersections, so that both know the same samples
+    four = reconstruct(RIG.measure(material, SlicePlan(full, count, "axial-diagonal")))
+    two = reconstruct_subspace(
+        slice_samples(
+            RIG.measure(material, SlicePlan(where, where.intersections, "axial-diagonal"))
+        ),
+        where,
+        azimuth_samples=360,
+    )
+    phi_i, phi_v = rng.uniform(0, 2 * np.pi, (2, 2000))
+    theta = np.full(2000, where.theta_i), np.full(2000, where.theta_v)
+    expected = four.eval_angles(theta[0], phi_i, theta[1], phi_v)
+    found = two.eval(phi_i, phi_v)
+    # the four-dimensional clamp looks at the neighbouring subspaces too
+    same = np.abs(found - expected) <= 1e-5 * expected.max()
+    assert np.mean(same) > 0.9
+    assert np.all(found >= expected - 1e-5 * expected.max())
 
 
-@pytest.mark.parametrize(
-    ("angle", "options", "says"),
-    [
-        (10.0, {}, "covers polar angles"),
-        (95.0, {}, "covers polar angles"),
-        (float("nan"), {}, "covers polar angles"),
-        (50.0, {"step_deg": 0.1}, "0.5 to 30"),
-        (50.0, {"step_deg": float("nan")}, "0.5 to 30"),
-        (50.0, {"patterns": "fourier"}, "pattern"),
-        (50.0, {"mirror": Reflector()}, "far focus"),
-        (50.0, {"rotation_deg": float("inf")}, "finite"),
-    ],
-)
-def test_impossible_sweeps_are_refused(angle: float, options: dict, says: str) -> None:
-    with pytest.raises(SimrigError, match=says):
-        measure_subspace(Lambert(), np.radians(angle), THETA, **options)
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_dr_jit_equals_numpy(rng, precision):
+    where = placement()
+    found = slice_samples(
+        RIG.measure(kurt_material("wood01"), SlicePlan(where, 600, "axial-diagonal"))
+    )
+    subspace = reconstruct_subspace(found, where)
+    types = backend.types(precision)
+    phi_i, phi_v = rng.uniform(-7, 7, (2, 5000))
+    expected = subspace.eval(phi_i, phi_v)
+    value = np.array(subspace.eval(types.Float(phi_i), types.Float(phi_v))).T
+    limit = 1e-4 if precision == "float32" else 1e-11
+    assert np.quantile(np.abs(value / expected - 1.0), 0.999) < limit
 
 
-def test_black_samples_and_projectors_are_refused() -> None:
-    with pytest.raises(SimrigError, match="black"):
-        measure_subspace(Lambert((0.0, 0.0, 0.0)), THETA, THETA, step_deg=30.0)
-    for changes in ({"lumens": 0.0}, {"contrast": float("nan")}, {"frame_mm": (1.0, -1.0)}):
-        with pytest.raises(SimrigError, match="finite and above 0"):
-            Projector(**changes)
-
-
-def test_command(tmp_path: Path) -> None:
-    output = tmp_path / "subspace.exr"
-    asked = ["reflector", "subspace", "fabric112", "-o", str(output), "--step", "10", "--json"]
-    made = CliRunner().invoke(app, asked)
-    assert made.exit_code == 0, made.output
-    told = json.loads(made.stdout)
-    assert told["azimuths"] == 36 and told["relative_rmse"] < 0.2
-    assert read_picture(output).pixels.shape[:2] == (36, 36)
-    assert CliRunner().invoke(app, [*asked, "--theta-i", "5", "--overwrite"]).exit_code == 2
+def test_lambert_is_exact_and_impossible_subspaces_are_refused():
+    where = placement(20, 50, 90)
+    found = slice_samples(
+        RIG.measure(Lambert((0.2, 0.3, 0.4)), SlicePlan(where, 40, "axial-diagonal"))
+    )
+    picture = reconstruct_subspace(found, where, "linear").picture(24)
+    expected = np.array([0.2, 0.3, 0.4]) / np.pi
+    np.testing.assert_allclose(picture, np.broadcast_to(expected, picture.shape), rtol=1e-6)
+    for bad in ((0, 30, 30), (30, 90, 30), (30, 60, 50)):
+        with pytest.raises(SimrigError):
+            placement(*bad)
+    refused("too few", measured, Lambert(), where, 10)
+    refused("only axial and diagonal", where.slices, "all")
