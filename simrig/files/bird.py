@@ -133,7 +133,7 @@ def write_bird(path: str | Path, brdf: Brdf) -> None:
 def _data(path: Path) -> dict[str, Any]:
     """Return the variables by name, the older form made like the newer one."""
     try:
-        content = json.loads(read_text(path, "BiRD", "utf-8-sig"))
+        content = json.loads(read_text(path, "BiRD"))
     except (ValueError, RecursionError) as error:
         raise SimrigError(f"'{path}' is damaged or truncated: it is no JSON ({error})") from error
     data = content.get("data") if isinstance(content, dict) else None

@@ -185,7 +185,7 @@ def _as_text(start: bytes) -> str | None:
     if b"\0" in start:
         return None
     try:
-        return start.decode("utf-8")
+        return start.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         # a character may be cut at the end of what was read
-        return start[: error.start].decode("utf-8") if error.start > len(start) - 4 else None
+        return start[: error.start].decode("utf-8-sig") if error.start > len(start) - 4 else None

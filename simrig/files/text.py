@@ -19,8 +19,8 @@ _LARGEST_TOML = 1 << 20  # bytes; what people write is a page of text
 _ROWS = 1 << 16  # that are converted at once
 
 
-def read_text(path: str | Path, kind: str, encoding: str = "utf-8") -> str:
-    """Return the text of a file; what the encoding does not know is replaced.
+def read_text(path: str | Path, kind: str, encoding: str = "utf-8-sig") -> str:
+    """Return the text of a file without a byte order mark; unknown bytes are replaced.
 
     Raises:
         SimrigError: no such file, or one that is too large to be of its kind.
@@ -28,7 +28,8 @@ def read_text(path: str | Path, kind: str, encoding: str = "utf-8") -> str:
     path = existing_file(path)
     if path.stat().st_size > _LARGEST_FILE:
         raise SimrigError(f"{kind} file '{path}' is too large to be one")
-    return path.read_text(encoding=encoding, errors="replace")
+    text = path.read_text(encoding=encoding, errors="replace")
+    return text.removeprefix("\u00ef\u00bb\u00bf")  # the mark of UTF-8, read as Latin-1
 
 
 def read_toml(path: str | Path, kind: str) -> dict[str, Any]:
