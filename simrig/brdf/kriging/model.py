@@ -23,7 +23,7 @@ from simrig.brdf.kriging.symmetry import Symmetry
 
 _FEWEST = 6  # samples; the parameters of fewer are the expected ones
 _LEFT_OUT, _MOST_LEFT_OUT = 300, 1000  # samples whose prediction chooses the parameters
-_FINAL_EVALUATIONS = 160
+_FINAL_EVALUATIONS = 240
 _NEAR = 16  # neighbours while parameters are chosen
 _LEVEL_PAIRS = 2048
 _FLOORS = {True: 0.01, False: 0.001}  # of the logarithm, over the level: isotropic or not

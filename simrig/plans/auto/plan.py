@@ -41,7 +41,7 @@ _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
 _SHARE_AGAIN = 0.05  # of a batch, at most, are samples that others contradict
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
-_EVALUATIONS = 60  # of the criterion, from the parameters of the batch before
+_EVALUATIONS = 100  # of the criterion, from the parameters of the batch before
 _PAST_THE_END = float(np.radians(1.0))  # of a material's data, to see where it is
 _PROBED = 512  # pairs that pictures show, for the bounds of effects
 
