@@ -7,23 +7,49 @@ function that ``register`` calls once per variant.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from simrig.brdf.protocol import Brdf, above_horizon, upright
+from simrig.brdf.protocol import Brdf, is_above_horizon, upright
 from simrig.core.arrays import Array
 from simrig.core.errors import SimrigError
 from simrig.plugins.importance_sampling import fit_mixture, fitted
 from simrig.plugins.lifetime import traced
-from simrig.plugins.lobes import Lobe, Mixture, mixture_pdf, sample_mixture
+from simrig.plugins.lobes import (
+    Lobe,
+    Mixture,
+    Stretched,
+    all_stretched,
+    mixture_pdf,
+    sample_mixture,
+)
 from simrig.plugins.named import number
 from simrig.plugins.spectral import Upsampler
 from simrig.plugins.variants import check_vectorised
 
 _TOLERATED_CHANGE = 0.1  # of an array under optimisation before the sampling is fitted again
+
+
+@dataclass(frozen=True)
+class _Fixed:
+    """The direction ``si.wi``, and what every look-up and every lobe needs of it.
+
+    Attributes:
+        above: where it is valid; elsewhere ``local`` is the normal.
+        local: the direction in the frame of the material.
+        seen: what ``Brdf.seen`` made of it.
+        stretched: what the sampling's lobes need of it.
+        place: where on the material it is seen.
+    """
+
+    above: Array
+    local: Array
+    seen: Any
+    stretched: tuple[Stretched, ...]
+    place: Any
 
 
 def define_adapter() -> type:
@@ -36,6 +62,7 @@ def define_adapter() -> type:
         glossy | mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.Anisotropic | mi.BSDFFlags.FrontSide
     )
     upsample = Upsampler()
+    backend = dr.backend_v(mi.Float)
 
     class BrdfBSDF(mi.BSDF):
         """A BRDF as a Mitsuba BSDF: one-sided, one component.
@@ -63,6 +90,7 @@ def define_adapter() -> type:
             self.mixture_host = fitted(brdf)
             self.mixture = _on_device(self.mixture_host, mi)
             self.fitted_data: Mapping[str, np.ndarray] = brdf.data()
+            self._recent: tuple[Any, list[Array], _Fixed] | None = None
             self.rotation = to_number(float(rotation_deg), mi)
             self._turn()
             self.m_components = [all_flags]
@@ -79,23 +107,28 @@ def define_adapter() -> type:
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0)
-            active, local_i, local_o = self._local(si, wo, active)
-            return self._value(ctx, si, local_i, local_o, active) & active
+            fixed = self._fixed(si)
+            active, local_o = self._other(fixed, wo, active)
+            return self._value(ctx, si, fixed, local_o, active) & active
 
         @traced
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Float(0.0)
-            active, local_i, local_o = self._local(si, wo, active)
-            return dr.select(active, self._density(local_i, local_o), 0.0)
+            fixed = self._fixed(si)
+            active, local_o = self._other(fixed, wo, active)
+            return dr.select(active, self._density(fixed, local_o), 0.0)
 
         @traced
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             if not self._enabled(ctx):
                 return mi.Spectrum(0.0), mi.Float(0.0)
-            active, local_i, local_o = self._local(si, wo, active)
-            value = self._value(ctx, si, local_i, local_o, active) & active
-            return value, dr.select(active, self._density(local_i, local_o), 0.0)
+            fixed = self._fixed(si)
+            active, local_o = self._other(fixed, wo, active)
+            pdf = dr.select(active, self._density(fixed, local_o), 0.0)
+            value = self._value(ctx, si, fixed, local_o, active) & active
+            self._keep(si, fixed)
+            return value, pdf
 
         @traced
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
@@ -103,15 +136,14 @@ def define_adapter() -> type:
             if not self._enabled(ctx):
                 return bs, mi.Spectrum(0.0)
             up = mi.Vector3f(0.0, 0.0, 1.0)
-            active, local_i, _ = self._local(si, up, active)
+            fixed = self._fixed(si)
             # the density and the direction are constants to the derivative
-            drawn = mi.Vector3f(
-                *sample_mixture(self.mixture, dr.detach(local_i), sample1, sample2.x, sample2.y)
-            )
-            active &= drawn.z > 0.0
+            local_i, variates = dr.detach(fixed.local), (sample1, sample2.x, sample2.y)
+            drawn = mi.Vector3f(*sample_mixture(self.mixture, local_i, *variates, fixed.stretched))
+            active = active & fixed.above & (drawn.z > 0.0)
             local_o = dr.select(active, drawn, up)
-            pdf = self._density(local_i, local_o)
-            value = self._value(ctx, si, local_i, local_o, active)
+            pdf = self._density(fixed, local_o)
+            value = self._value(ctx, si, fixed, local_o, active)
             cos_turn, sin_turn = dr.detach(self.cos_turn), dr.detach(self.sin_turn)
             turned = mi.Vector3f(
                 cos_turn * local_o.x - sin_turn * local_o.y,
@@ -190,13 +222,43 @@ def define_adapter() -> type:
             self.cos_turn, self.sin_turn = dr.cos(angle), dr.sin(angle)
             dr.make_opaque(self.rotation, self.cos_turn, self.sin_turn)
 
-        def _local(self, si: Any, wo: Any, active: Any) -> tuple[Any, Any, Any]:
-            """Return the mask and both directions in the frame of the material.
+        def _fixed(self, si: Any) -> _Fixed:
+            """Return what is made of ``si.wi``, shared with the ``eval_pdf`` just before.
 
-            Where the mask is false both are the normal, so that a look-up never sees NaN.
+            Integrators call ``eval_pdf`` and ``sample`` in one callable. Dr.Jit does not find what
+            both compute, because the branch between them begins a new scope.
             """
-            active = active & above_horizon(si.wi, wo)
-            return active, self._to_material(si.wi, active), self._to_material(wo, active)
+            recent, self._recent = self._recent, None
+            if recent is not None:
+                scope, inputs, fixed = recent
+                if scope == dr.detail.scope(backend) and _same(inputs, self._inputs(si)):
+                    return fixed
+            above = is_above_horizon(si.wi)
+            local = self._to_material(si.wi, above)
+            stretched = all_stretched(self.mixture, dr.detach(local))
+            return _Fixed(above, local, self.brdf.seen(local), stretched, self._place(si))
+
+        def _keep(self, si: Any, fixed: _Fixed) -> None:
+            """Keep what was made of ``si.wi`` as long as no scope is closed.
+
+            Only while a callable is traced, where it holds no memory, and without derivatives.
+            """
+            inputs = self._inputs(si)
+            plain = not (self.differentiable or dr.grad_enabled(inputs, self.cos_turn))
+            if plain and dr.flag(dr.JitFlag.SymbolicScope):
+                self._recent = dr.detail.scope(backend), inputs, fixed
+
+        def _inputs(self, si: Any) -> list[Array]:
+            """Return the numbers that ``_fixed`` is made of."""
+            return [*si.wi, *si.uv, si.t]
+
+        def _other(self, fixed: _Fixed, wo: Any, active: Any) -> tuple[Any, Any]:
+            """Return the mask and ``wo`` in the frame of the material.
+
+            Where the mask is false it is the normal, so that a look-up never sees NaN.
+            """
+            active = active & fixed.above & is_above_horizon(wo)
+            return active, self._to_material(wo, active)
 
         def _to_material(self, w: Any, active: Any) -> Any:
             turned = mi.Vector3f(
@@ -206,23 +268,21 @@ def define_adapter() -> type:
             )
             return upright(turned, active)
 
-        def _value(self, ctx: Any, si: Any, wi: Any, wo: Any, active: Any) -> Any:
-            light, view = (wo, wi) if ctx.mode == mi.TransportMode.Radiance else (wi, wo)
+        def _value(self, ctx: Any, si: Any, fixed: _Fixed, wo: Any, active: Any) -> Any:
             if not self.differentiable and dr.grad_enabled(self.data):
                 raise SimrigError(
                     "call update() on the scene parameters after enabling their gradients"
                 )
-            place = self._place(si)
-            if not self.differentiable:
-                # a branch: packets of lanes that all missed the surface skip the look-up
-                colour = dr.if_stmt(
-                    (light, view),
-                    active,
-                    lambda light, view: mi.Color3f(self._look_up(light, view, place)),
-                    lambda light, view: mi.Color3f(0.0),
-                )
-            else:
-                colour = mi.Color3f(self._look_up(light, view, place))
+
+            def found(wo: Any) -> Any:
+                pair = self.brdf.seen(wo), fixed.seen  # light and view, for radiance
+                light, view = pair if ctx.mode == mi.TransportMode.Radiance else pair[::-1]
+                return mi.Color3f(self._look_up(light, view, fixed.place))
+
+            if self.differentiable:
+                colour = found(wo)
+            else:  # a branch: packets of lanes that all missed the surface skip the look-up
+                colour = dr.if_stmt((wo,), active, found, lambda wo: mi.Color3f(0.0))
             return upsample(colour * wo.z, si.wavelengths)
 
         def _place(self, si: Any) -> Any:
@@ -230,11 +290,12 @@ def define_adapter() -> type:
             return None
 
         def _look_up(self, light: Any, view: Any, place: Any) -> Any:
-            """Return f_r of valid directions as a colour."""
-            return self.brdf.look_up(light, view, self.prepared)
+            """Return f_r as a colour, of what ``Brdf.seen`` made of valid directions."""
+            return self.brdf.look_up_seen(light, view, self.prepared)
 
-        def _density(self, wi: Any, wo: Any) -> Any:
-            return mixture_pdf(self.mixture, dr.detach(wi), dr.detach(wo))
+        def _density(self, fixed: _Fixed, wo: Any) -> Any:
+            local_i = dr.detach(fixed.local)
+            return mixture_pdf(self.mixture, local_i, dr.detach(wo), fixed.stretched)
 
         def _host_data(self) -> Mapping[str, np.ndarray]:
             """Return the current data on the host, in the shapes of the BRDF.
@@ -254,6 +315,13 @@ def define_adapter() -> type:
             return host
 
     return BrdfBSDF
+
+
+def _same(some: list[Array], others: list[Array]) -> bool:
+    """Return whether arrays are the same variables of Dr.Jit."""
+    return len(some) == len(others) and all(
+        a.index == b.index for a, b in zip(some, others, strict=True)
+    )
 
 
 def _device_copies(brdf: Brdf, mi: Any) -> dict[str, Array]:

@@ -71,9 +71,28 @@ class Mixture:
     lobes: tuple[Lobe, ...]
 
 
-def _stretch(lobe: Lobe, w: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the direction in the lobe's stretched frame, its length, and the bound factor k."""
-    x, y, z = components(w)
+@dataclass(frozen=True)
+class Stretched:
+    """What a lobe's density and its samples need of the fixed direction alone.
+
+    Attributes:
+        x, y, z: the direction in the stretched frame of the lobe.
+        length: of that.
+        k: factor that bounds the lobe to the hemisphere (Eto and Tokuyoshi 2023).
+        share: of the lobe in the mixture.
+    """
+
+    x: Array
+    y: Array
+    z: Array
+    length: Array
+    k: Array
+    share: Array
+
+
+def stretched(lobe: Lobe, w_fixed: Array) -> Stretched:
+    """Return the fixed direction as a lobe sees it."""
+    x, y, z = components(w_fixed)
     xp = namespace(x)
     sx = lobe.l_xx * x + lobe.l_yx * y
     sy = lobe.l_yy * y
@@ -81,17 +100,24 @@ def _stretch(lobe: Lobe, w: Array) -> tuple[Array, Array, Array, Array, Array]:
     s = 1.0 + xp.sqrt(x * x + y * y)
     s_squared = s * s
     k = (1.0 - lobe.bound) * s_squared / (s_squared + lobe.bound * z * z)
-    return sx, sy, z, length, k
+    share = lobe.weight_grazing + (lobe.weight_normal - lobe.weight_grazing) * z
+    return Stretched(sx, sy, z, length, k, share)
 
 
-def weight(lobe: Lobe, cos_theta: Array) -> Array:
-    """Return the lobe's share of the mixture for the fixed direction's cosine."""
-    return lobe.weight_grazing + (lobe.weight_normal - lobe.weight_grazing) * cos_theta
+def all_stretched(mixture: Mixture, w_fixed: Array) -> tuple[Stretched, ...]:
+    """Return the fixed direction as every lobe of a mixture sees it."""
+    return tuple(stretched(lobe, w_fixed) for lobe in mixture.lobes)
 
 
-def lobe_pdf(lobe: Lobe, w_fixed: Array, w_sampled: Array) -> Array:
-    """Return the density (1/sr) with which the lobe samples ``w_sampled`` given ``w_fixed``."""
-    _, _, z, length, k = _stretch(lobe, w_fixed)
+def lobe_pdf(lobe: Lobe, w_fixed: Array, w_sampled: Array, seen: Stretched | None = None) -> Array:
+    """Return the density (1/sr) with which the lobe samples ``w_sampled`` given ``w_fixed``.
+
+    Args:
+        lobe: that samples.
+        w_fixed, w_sampled: both in the upper hemisphere.
+        seen: ``stretched(lobe, w_fixed)``, where it is known already.
+    """
+    seen = stretched(lobe, w_fixed) if seen is None else seen
     fx, fy, fz = components(w_fixed)
     ox, oy, oz = components(w_sampled)
     hx, hy, hz = fx + ox, fy + oy, fz + oz
@@ -99,21 +125,34 @@ def lobe_pdf(lobe: Lobe, w_fixed: Array, w_sampled: Array) -> Array:
     uy = lobe.i_yx * hx + lobe.i_yy * hy
     squared = hx * hx + hy * hy + hz * hz
     ratio = squared / (hz * hz + ux * ux + uy * uy)
-    return lobe.normalisation * ratio * ratio / (k * z + length)
+    return lobe.normalisation * ratio * ratio / (seen.k * seen.z + seen.length)
 
 
-def mixture_pdf(mixture: Mixture, w_fixed: Array, w_sampled: Array) -> Array:
-    """Return the density (1/sr) of the mixture; both directions in the upper hemisphere."""
-    cos_fixed = components(w_fixed)[2]
+def mixture_pdf(
+    mixture: Mixture,
+    w_fixed: Array,
+    w_sampled: Array,
+    seen: tuple[Stretched, ...] | None = None,
+) -> Array:
+    """Return the density (1/sr) of the mixture; both directions in the upper hemisphere.
+
+    ``seen`` is ``all_stretched(mixture, w_fixed)``, where it is known already.
+    """
+    seen = all_stretched(mixture, w_fixed) if seen is None else seen
     cosine = components(w_sampled)[2] * (1.0 / np.pi)
     pdf = cosine
-    for lobe in mixture.lobes:
-        pdf = pdf + weight(lobe, cos_fixed) * (lobe_pdf(lobe, w_fixed, w_sampled) - cosine)
+    for lobe, view in zip(mixture.lobes, seen, strict=True):
+        pdf = pdf + view.share * (lobe_pdf(lobe, w_fixed, w_sampled, view) - cosine)
     return pdf
 
 
 def sample_mixture(
-    mixture: Mixture, w_fixed: Array, u_lobe: Array, u: Array, v: Array
+    mixture: Mixture,
+    w_fixed: Array,
+    u_lobe: Array,
+    u: Array,
+    v: Array,
+    seen: tuple[Stretched, ...] | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return a direction (x, y, z) drawn from the mixture; it may fall below the horizon.
 
@@ -121,39 +160,38 @@ def sample_mixture(
         mixture: what to draw from.
         w_fixed: the known direction, in the upper hemisphere.
         u_lobe, u, v: uniform variates; the first selects the lobe.
+        seen: ``all_stretched(mixture, w_fixed)``, where it is known already.
     """
-    z = components(w_fixed)[2]
-    xp = namespace(z)
+    seen = all_stretched(mixture, w_fixed) if seen is None else seen
+    xp = namespace(v)
     phi = (2.0 * np.pi) * u
     cos_phi, sin_phi = xp.cos(phi), xp.sin(phi)
     root = xp.sqrt(v)
     chosen = (root * cos_phi, root * sin_phi, xp.sqrt(xp.maximum(1.0 - v, 0.0)))
     below: Array = 0.0
-    for lobe in mixture.lobes:
-        share = weight(lobe, z)
-        direction = _sample_lobe(lobe, w_fixed, cos_phi, sin_phi, v)
-        mine = (u_lobe >= below) & (u_lobe < below + share)
+    for lobe, view in zip(mixture.lobes, seen, strict=True):
+        direction = _sample_lobe(lobe, w_fixed, cos_phi, sin_phi, v, view)
+        mine = (u_lobe >= below) & (u_lobe < below + view.share)
         chosen = tuple(xp.select(mine, a, b) for a, b in zip(direction, chosen, strict=True))
-        below = below + share
+        below = below + view.share
     return chosen[0], chosen[1], chosen[2]
 
 
 def _sample_lobe(
-    lobe: Lobe, w_fixed: Array, cos_phi: Array, sin_phi: Array, v: Array
+    lobe: Lobe, w_fixed: Array, cos_phi: Array, sin_phi: Array, v: Array, seen: Stretched
 ) -> tuple[Array, Array, Array]:
-    sx, sy, z, length, k = _stretch(lobe, w_fixed)
-    xp = namespace(z)
-    inverse_length = 1.0 / length
-    bz = z * inverse_length
-    b = k * bz
+    xp = namespace(v)
+    inverse_length = 1.0 / seen.length
+    bz = seen.z * inverse_length
+    b = seen.k * bz
     cz = (1.0 - v) * (1.0 + b) - b
     sin_theta = xp.sqrt(xp.maximum(1.0 - cz * cz, 0.0))
-    mx = sin_theta * cos_phi + sx * inverse_length
-    my = sin_theta * sin_phi + sy * inverse_length
+    mx = sin_theta * cos_phi + seen.x * inverse_length
+    my = sin_theta * sin_phi + seen.y * inverse_length
     mz = cz + bz
     hx = lobe.l_xx * mx
     hy = lobe.l_yx * mx + lobe.l_yy * my
-    x, y, _ = components(w_fixed)
+    x, y, z = components(w_fixed)
     # reflect about the unnormalised normal
     factor = 2.0 * (x * hx + y * hy + z * mz) / (hx * hx + hy * hy + mz * mz)
     return factor * hx - x, factor * hy - y, factor * mz - z

@@ -25,6 +25,7 @@ _HOME = {
     "Measurement": "simrig.rigs.measurements.measurement",
     "SimrigError": "simrig.core.errors",
     "average": "simrig.front_door.materials",
+    "bake": "simrig.front_door.baking",
     "budget": "simrig.front_door.uncertainty",
     "compare": "simrig.front_door.comparing",
     "critical_distance": "simrig.front_door.seeing",

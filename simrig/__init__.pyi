@@ -5,6 +5,7 @@ from simrig.btf.stack import BtfStack as Btf
 from simrig.core.backend import select as set_variant
 from simrig.core.cost import Cost as Cost
 from simrig.core.errors import SimrigError as SimrigError
+from simrig.front_door.baking import bake as bake
 from simrig.front_door.comparing import compare as compare
 from simrig.front_door.materials import average as average
 from simrig.front_door.materials import load as load
@@ -31,6 +32,7 @@ __all__ = [
     "SimrigError",
     "__version__",
     "average",
+    "bake",
     "budget",
     "compare",
     "critical_distance",

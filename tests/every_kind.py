@@ -19,6 +19,7 @@ from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.half_difference import HalfDifferenceTable
 from simrig.brdf.tables.isotropic import IsotropicTable
+from simrig.brdf.tables.simplex import SimplexTable
 from simrig.btf.factored import FactoredBtf
 from simrig.btf.full import FullBtf
 from simrig.btf.stack import BtfStack
@@ -96,6 +97,7 @@ KINDS: dict[str, Callable[[], Brdf]] = {
     "minnaert": lambda: Minnaert((0.1, 0.2, 0.3), -2.0),
     "dense": lambda: DenseTable(random(4, 4, 6, 8), np.radians(25.0)),
     "dense_fade": lambda: DenseTable(random(4, 4, 6, 6), np.radians(25.0), beyond="fade"),
+    "simplex": lambda: SimplexTable(random(4, 4, 6, 8), np.radians(25.0)),
     "isotropic": lambda: IsotropicTable(random(6, 4, 8)),
     "isotropic_nearest": lambda: IsotropicTable(random(6, 4, 8), "nearest", reciprocal=False),
     "rgl": lambda: _rgl(kurt_material(_MATERIAL)),

@@ -280,7 +280,7 @@ def test_studies_and_benchmarks_are_listed() -> None:
     assert "table-5-3" in [study["name"] for study in done("study", "list")["studies"]]
     listed = done("bench")["benchmarks"]
     names = [benchmark["name"] for benchmark in listed]
-    assert {"plugins", "sampling", "whole-array"} <= set(names)
+    assert {"look-ups", "plugins", "sampling", "whole-array"} <= set(names)
     assert not any("`" in benchmark["about"] for benchmark in listed)
 
 

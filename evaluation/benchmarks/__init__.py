@@ -9,6 +9,7 @@ from types import ModuleType
 
 from simrig.evaluation.benchmarks import (
     basis,
+    look_ups,
     merging,
     planned,
     plugins,
@@ -24,6 +25,7 @@ BENCHMARKS: dict[str, ModuleType] = {
     "basis": basis,
     "btf": btf,
     "btf-measurement": btf_measurement,
+    "look-ups": look_ups,
     "merging": merging,
     "planned": planned,
     "plugins": plugins,

@@ -144,6 +144,14 @@ class Brdf(Shown, ABC):
             A colour: NumPy (..., 3) or any Dr.Jit 3-vector.
         """
 
+    def seen(self, w: Array) -> Any:
+        """Return what look-ups need of one direction: made once for all that share it."""
+        return w
+
+    def look_up_seen(self, light: Any, view: Any, tables: Any) -> Array:
+        """Return ``look_up`` of two directions of which ``seen`` was made."""
+        return self.look_up(light, view, tables)
+
     def eval(self, wi: Array, wv: Array, tables: Any = None) -> Array:
         """Return f_r for illumination directions ``wi`` and view directions ``wv``.
 
@@ -230,7 +238,7 @@ class Brdf(Shown, ABC):
 
 def above_horizon(wi: Array, wv: Array) -> Array:
     """Return the mask of direction pairs where both are finite and above the horizon."""
-    return _valid(wi) & _valid(wv)
+    return is_above_horizon(wi) & is_above_horizon(wv)
 
 
 def upright(w: Array, valid: Array) -> Array:
@@ -240,7 +248,8 @@ def upright(w: Array, valid: Array) -> Array:
     return where_colour(valid, w, type(w)(*_NORMAL))
 
 
-def _valid(w: Array) -> Array:
+def is_above_horizon(w: Array) -> Array:
+    """Return the mask of directions that are finite and above the horizon."""
     x, y, z = components(w)
     xp = namespace(x)
     largest = xp.maximum(xp.maximum(xp.abs(x), xp.abs(y)), z)  # NaN where any is

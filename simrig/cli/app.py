@@ -11,6 +11,7 @@ from simrig import __version__
 from simrig.cli import (
     ablate,
     audit,
+    bake,
     budget,
     compare,
     converge,
@@ -73,6 +74,7 @@ _COMMANDS: Commands = {
     "view": view.view,
     "compare": compare.compare,
     "convert": convert.convert,
+    "bake": bake.bake,
     "info": info.info,
     "instrument": instrument.instrument,
     "converge": converge.converge,

@@ -117,7 +117,7 @@ def multiply_add(colour: Array, factor: Array, total: Array = None) -> Array:
 
 def lerp(a: Array, b: Array, t: Array) -> Array:
     """Return the colour a + t·(b − a), with one t per direction."""
-    return a + scale(b - a, t)
+    return multiply_add(b - a, t, a)
 
 
 def to_index(x: Array) -> Array:

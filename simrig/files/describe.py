@@ -221,6 +221,7 @@ def _material(path: Path, options: ReadOptions) -> Description:
     says = {"honoured": about.honours} if about.honours else {}
     if read.format == "hdf5":
         says |= _attributes(path)
+        facts |= _found(says)
     use = ["simrig materials, render, measure, compare, convert, and the plugin simrig_table"]
     made = [*read.notes, *(f"note: {remark}" for remark in found.remarks)]
     format = f"{read.format}: {about.description}"
@@ -258,17 +259,18 @@ def _ours(path: Path, content: str) -> Description:
         raise SimrigError(f"HDF5 file '{path}' is damaged: {error}") from error
     use = ["simrig reconstruct"] if "measurement" in content else []
     says = _attributes(path)
-    facts: dict[str, Any] = {f"found, {n}": line for n, line in enumerate(_found(says), 1)}
-    return Description(path, content, "simrig HDF5", says, [], {**facts, "arrays": arrays}, use)
+    facts = {**_found(says), "arrays": arrays}
+    return Description(path, content, "simrig HDF5", says, [], facts, use)
 
 
-def _found(says: Mapping[str, Any]) -> list[str]:
-    """Return what the plan of a measurement found, in lines; nothing of other files."""
+def _found(says: Mapping[str, Any]) -> dict[str, str]:
+    """Return what a plan or a bake found, line by line; nothing of other files."""
     try:
         lines = json.loads(says["provenance"])["found"]["lines"]
     except (ValueError, KeyError, TypeError, RecursionError):
-        return []
-    return [str(line) for line in lines] if isinstance(lines, list) else []
+        return {}
+    lines = lines if isinstance(lines, list) else []
+    return {f"found, {number}": str(line) for number, line in enumerate(lines, 1)}
 
 
 def _attributes(path: Path) -> dict[str, Any]:

@@ -21,6 +21,7 @@ import numpy as np
 import simrig
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.kept import keep, kept
 from simrig.files.atomic import atomic_write, existing_file
 from simrig.files.full_disk import FileOnFullDisk
 from simrig.files.heaps import check_heaps
@@ -35,6 +36,7 @@ CONVENTIONS = (
 LARGEST_ARRAY = 1 << 32  # bytes; a file that claims more is refused before it is read
 _DEFLATE_LIMIT = 1100  # deflate cannot shrink anything by more than 1032
 _HEADROOM = 1 << 16
+_ORIGIN = "origin"
 
 # what h5py raises for damaged files, and what reading their content may come to
 _DAMAGE = (OSError, LookupError, RuntimeError, TypeError, ValueError, AttributeError, MemoryError)
@@ -64,6 +66,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "lambert": ("simrig.brdf.analytic", "Lambert"),
     "rbf": ("simrig.brdf.tables.rbf", "RbfBrdf"),
     "rgl": ("simrig.brdf.tables.rgl", "RglBrdf"),
+    "simplex": ("simrig.brdf.tables.simplex", "SimplexTable"),
     "slices": ("simrig.brdf.slices.slices", "SliceBrdf"),
     "ward": ("simrig.brdf.analytic", "Ward"),
 }
@@ -246,13 +249,21 @@ def read_brdf(path: str | Path) -> Brdf:
         build: type[Brdf] = getattr(import_module(module), class_name)
         try:
             name = _text(file.attrs.get("name")) or Path(path).stem
-            return build.from_parts(structure, names_now(data), name)
+            brdf = build.from_parts(structure, names_now(data), name)
+            keep(brdf, _ORIGIN, provenance_of(file))
+            return brdf
         except SimrigError as error:
             raise SimrigError(f"'{path}': {error}") from error
         except (KeyError, ValueError, TypeError, IndexError) as error:
             raise SimrigError(
                 f"the parts of '{path}' do not make a '{kind}' BRDF: {_one_line(error)}"
             ) from error
+
+
+def origin(brdf: Brdf) -> dict[str, Any]:
+    """Return how a BRDF that ``read_brdf`` returned came about; nothing of any other."""
+    known: dict[str, Any] = kept(brdf, _ORIGIN, dict)
+    return known
 
 
 def _check_attributes(path: Path, file: h5py.File, content: str) -> None:

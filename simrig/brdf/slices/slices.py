@@ -137,7 +137,13 @@ class SliceBrdf(Brdf):
         return SliceTables(*(colour_table(part, differentiable) for part in parts))
 
     def look_up(self, wi: Array, wv: Array, tables: Any) -> Array:
-        return self._interpolate(tables, *to_angles(wi), *to_angles(wv))
+        return self.look_up_seen(self.seen(wi), self.seen(wv), tables)
+
+    def seen(self, w: Array) -> Any:
+        return to_angles(w)
+
+    def look_up_seen(self, light: Any, view: Any, tables: Any) -> Array:
+        return self._interpolate(tables, *light, *view)
 
     def eval_angles(
         self, theta_i: Array, phi_i: Array, theta_v: Array, phi_v: Array, tables: Any = None

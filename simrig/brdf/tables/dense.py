@@ -106,10 +106,16 @@ class DenseTable(Brdf):
         return colour_table(data["values"], differentiable)
 
     def look_up(self, wi: Array, wv: Array, tables: Colours) -> Array:
+        return self.look_up_seen(self.seen(wi), self.seen(wv), tables)
+
+    def seen(self, w: Array) -> Any:
+        x, y, _ = components(w)
+        return (*self._theta(w), namespace(x).atan2(y, x))
+
+    def look_up_seen(self, light: Any, view: Any, tables: Colours) -> Array:
         n_theta, _, n_phi_i, n_phi_v, _ = self.values.shape
-        rows_i, faded_i = self._theta(wi)
-        rows_v, faded_v = self._theta(wv)
-        columns_i, columns_v = _azimuth_nodes(wi, n_phi_i), _azimuth_nodes(wv, n_phi_v)
+        (rows_i, faded_i, phi_i), (rows_v, faded_v, phi_v) = light, view
+        columns_i, columns_v = azimuth_nodes(phi_i, n_phi_i), azimuth_nodes(phi_v, n_phi_v)
         blocks = [
             ((row_i * n_theta + row_v) * (n_phi_i * n_phi_v), weight_i * weight_v)
             for (row_i, weight_i), (row_v, weight_v) in product(rows_i, rows_v)
@@ -147,11 +153,10 @@ class DenseTable(Brdf):
         return [(row, 1.0 - upper), (row + 1, upper)], fade
 
 
-def _azimuth_nodes(direction: Array, count: int) -> list[tuple[Array, Array]]:
-    """Return the two azimuth nodes around a direction with their weights, wrapped."""
-    x, y, _ = components(direction)
-    xp = namespace(x)
-    position = xp.atan2(y, x) * (count / (2.0 * np.pi))
+def azimuth_nodes(phi: Array, count: int) -> list[tuple[Array, Array]]:
+    """Return the two nodes around an azimuth in [-π, π] with their weights, wrapped."""
+    xp = namespace(phi)
+    position = phi * (count / (2.0 * np.pi))
     below = xp.floor(position)  # from -count/2 - 1 to count/2: wrapped once, exactly
     upper = position - below
     first = to_index(xp.select(below < 0.0, below + count, below))
