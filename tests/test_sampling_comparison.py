@@ -115,5 +115,5 @@ def test_the_study_says_who_is_ahead(monkeypatch: pytest.MonkeyPatch, small_data
     assert all(one["ours"] == "process" for one in summary["ahead"])
     assert study.table(summary)
     monkeypatch.setenv(study.VARIABLE, "nowhere")
-    refused("simrig database build", study.cells, config)
+    refused("simrig database build", study.run_cell, config, listed[0])
     assert all(n * r <= count for count, (n, r) in SPLIT.items())
