@@ -12,6 +12,7 @@ from test_instruments import with_key
 
 from command_line import done, refusal
 from refusals import refused
+from simrig.core.counter_rng import uniforms
 from simrig.directions import to_vector
 from simrig.directions.schemes import hemisphere_81, hemisphere_151
 from simrig.instruments.description import described, shipped
@@ -37,11 +38,9 @@ def test_settings_lead_back_to_the_directions() -> None:
             one, two = (to_vector(p.angles[:, k], p.angles[:, k + 2]) for p in (placed, back))
             np.testing.assert_allclose(one, two, atol=1e-12)
         np.testing.assert_allclose(placed.camera_to_world, back.camera_to_world, atol=1e-9)
-        np.testing.assert_allclose(
-            moves.motors(moves.moved(placed.settings, np.full((2000, 4), 0.01))),
-            moves.motors(placed.settings) + 0.01,
-            atol=1e-12,
-        )
+        missed = moves.missed(placed, np.zeros(4), np.full(4, 0.01), lambda rows, count: rows)
+        motors = (missed.settings - placed.settings) @ np.linalg.inv(moves.coupling).T
+        np.testing.assert_allclose(motors, 0.01, atol=1e-12)
 
 
 def test_the_camera_stands_where_opencv_puts_it() -> None:
@@ -149,3 +148,19 @@ def test_the_command_says_what_an_instrument_reaches() -> None:
     assert [lens["sample_um"] for lens in found["says"]["other_lens"]] == [280, 42.2, 23.7]
     assert "'.jpg'" in refusal("instrument", "utia", "-o", "a.jpg")
     assert "unknown rig" in refusal("instrument", "utja")
+
+
+def test_each_camera_and_light_of_a_dome_is_off_by_the_same_in_all_pictures() -> None:
+    moves = kinematics_of(shipped("dome-151"))
+    chosen = np.radians(shipped("dome-151").dome.directions_deg)[::30]
+    pairs = np.array([[i[0], v[0], i[1], v[1]] for v in chosen for i in chosen])
+    placed = moves.placed(pairs)
+    missed = moves.missed(placed, np.full(4, 0.01), np.zeros(4), lambda a, n: uniforms(a, 1, 1, n))
+    count = len(chosen)
+    cameras = missed.camera_to_world.reshape(count, count, 4, 4)
+    lights = missed.light_mm.reshape(count, count, 3)
+    assert placed.reached.all()
+    assert np.all(cameras == cameras[:, :1]) and np.all(lights == lights[:1])
+    off = np.linalg.norm(missed.light_mm - placed.light_mm, axis=1) / moves.light_mm
+    assert off.min() > 0.0 and off.max() < 0.015
+    assert len(np.unique(np.round(off, 12))) == count  # of each its own

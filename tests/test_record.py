@@ -223,7 +223,7 @@ def test_the_command_records_and_refuses() -> None:
     said = refusal("record", "wood01", *small, "--instrument", "bad.toml", "-o", "s")
     assert "unknown key in [camera] 'pitch': did you mean 'pitch_um'?" in said
     assert "with a gonioreflectometer" in refusal(
-        "record", "wood01", *small, "--instrument", "merkur-gantry", "-o", "s"
+        "record", "wood01", *small, "--instrument", "reflector", "-o", "s"
     )
     assert not Path("s").exists()
     measured = done(
@@ -292,3 +292,22 @@ def test_other_plans_need_directions_known_before() -> None:
     table = with_key("light", "distance_mm", 2600)
     behind = np.radians([[40.0, 40.0, 10.0, 10.0]])
     refused("none of the 1 poses", request_of, "yellow_satin", described(table), Directions(behind))
+
+
+@pytest.mark.parametrize(
+    ("instrument", "pairs"),
+    [("dome-151", [[30, 45, 15, 0], [60, 45, 0, 0]]), ("merkur-gantry", [[30, 75, 0, 90]])],
+)
+def test_domes_and_gantries_record_what_is_processed(instrument, pairs, tmp_path):
+    (tmp_path / "pairs.txt").write_text("".join("{} {} {} {}\n".format(*pair) for pair in pairs))
+    arguments = ("--plan", "directions", "--pairs", tmp_path / "pairs.txt", "--sample-mm", 10)
+    said = done("record", "yellow_satin", "--instrument", instrument, *arguments, "--ideal",
+                "-o", tmp_path / "rec")  # fmt: skip
+    assert said["poses"] == len(pairs)
+    found = process_recording(tmp_path / "rec", tmp_path / "a.h5", Settings(16, size_mm=4.0))
+    assert found["marks_found"] == len(pairs)
+    stack = read_btf(tmp_path / "a.h5")
+    material = kurt_material("yellow_satin")
+    for angles, image in zip(stack.angles, stack.values[:].astype(float), strict=True):
+        truth = at(material, angles[None])[0]
+        assert image[7:9, 7:9].mean(axis=(0, 1)) == pytest.approx(truth, rel=2e-3)

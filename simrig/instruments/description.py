@@ -28,7 +28,8 @@ from simrig.instruments.parts import (
     Lens,
     Light,
     Mirror,
-    Polar,
+    PolarCamera,
+    PolarLight,
     Registration,
     Sample,
     SampleTiming,
@@ -87,8 +88,10 @@ class GonioreflectometerDescription(Description):
 class GantryDescription(Description):
     """Lights and cameras at fixed polar angles on two arms that turn around the normal."""
 
-    camera: Polar | None = None
-    light: Polar | None = None
+    camera: PolarCamera | None = None
+    light: PolarLight | None = None
+    lens: Lens | None = None
+    registration: Registration | None = None
     coupling: list[Coupling] = Field(default=[])
     sample: Sample | None = None
     timing: SliceTiming
@@ -105,6 +108,10 @@ class DomeDescription(Description):
 
     dome: Dome
     sample: Sample
+    camera: Camera | None = None
+    lens: Lens | None = None
+    light: Light | None = None
+    registration: Registration | None = None
     timing: SampleTiming
 
 

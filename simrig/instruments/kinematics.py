@@ -9,7 +9,8 @@ other direction, without a search.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from simrig.instruments.parts import Arm
 REACHED, BEYOND, OCCLUDED, COLLIDES = "", "beyond the axes", "hidden by an arm", "arms collide"
 _TOLERANCE = 1e-6  # radians
 _TURN = 2.0 * np.pi
+Draw = Callable[[np.ndarray, int], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +157,30 @@ class ArmKinematics:
         angles = np.concatenate([np.abs(settings[:, :2]), phi], axis=1)
         return _placement(self, angles, settings, self._fault(settings))
 
-    def moved(self, settings: np.ndarray, errors: np.ndarray) -> np.ndarray:
-        """Return settings after errors of the motors, which a coupled axis takes along, (n, 4)."""
-        return np.asarray(settings + errors @ self.coupling.T)
+    def missed(
+        self, commanded: Placement, most: np.ndarray, offset: np.ndarray, draw: Draw
+    ) -> Placement:
+        """Return where camera and light stop instead, in the order in which they are sent.
 
-    def motors(self, settings: np.ndarray) -> np.ndarray:
-        """Return what the motors are set to, (n, 4) in radians."""
-        return np.asarray(settings @ np.linalg.inv(self.coupling).T)
+        An axis that stays where it is keeps its error; one that moves draws another, which belongs
+        to the direction that it moves for. A coupled axis is taken along.
+
+        Args:
+            commanded: where they are sent.
+            most: (4,) largest error of a move, radians.
+            offset: (4,) of the axes' zeros, radians.
+            draw: numbers within ±1 of rows of angles, so many a row.
+        """
+        motors = commanded.settings @ np.linalg.inv(self.coupling).T
+        moved = np.ones(motors.shape, dtype=bool)
+        moved[1:] = np.abs(np.diff(motors, axis=0)) > 1e-9
+        last = np.maximum.accumulate(np.where(moved, np.arange(len(motors))[:, None], 0), axis=0)
+        errors = np.take_along_axis(most * draw(commanded.angles, 4), last, axis=0) + offset
+        return self.stopped(commanded.settings + errors @ self.coupling.T)
+
+    def of_sample(self, radius_mm: float) -> ArmKinematics:
+        """Return the same over a sample of another size."""
+        return replace(self, sample_mm=radius_mm)
 
     def _configurations(self) -> list[np.ndarray]:
         lights = (False, True) if self.light.over else (False,)
@@ -225,6 +244,20 @@ class DomeKinematics:
             apart = np.linalg.norm(asked[:, None] - known[None], axis=-1).min(axis=1)
             fault[apart > 10.0 * _TOLERANCE] = BEYOND
         return _placement(self, angles, angles, fault)
+
+    def missed(
+        self, commanded: Placement, most: np.ndarray, offset: np.ndarray, draw: Draw
+    ) -> Placement:
+        """Return where cameras and lights stand instead, each in all its pictures."""
+        errors = np.zeros(commanded.angles.shape)
+        for k in (0, 1):
+            errors[:, k::2] = draw(commanded.angles[:, k::2], 4)[:, 2 * k : 2 * k + 2]
+        settings = commanded.settings + most * errors + offset
+        return _placement(self, commanded.angles, settings, commanded.fault)
+
+    def of_sample(self, _: float) -> DomeKinematics:
+        """Return the same: nothing is hidden, however large the sample."""
+        return self
 
 
 Kinematics = ArmKinematics | DomeKinematics

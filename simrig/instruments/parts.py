@@ -31,6 +31,9 @@ def _checked_range(ends: list[float]) -> list[float]:
     return ends
 
 
+Fixed = Annotated[list[Annotated[float, Field(ge=0.0, lt=90.0)]], Field(min_length=1)]
+
+
 class About(Part):
     """``[instrument]``: what it is.
 
@@ -128,18 +131,10 @@ class Sample(Part):
     tilt_deg: Annotated[Quantity, between(-10.0, 10.0)] = _ZERO
 
 
-class Camera(Arm):
-    """``[camera]``: the sensor (symbols of EMVA 1288).
+class Pictured(Arm):
+    """What pictures need to know of a camera (symbols of EMVA 1288).
 
     Attributes:
-        distance_mm: from the sample's centre.
-        bits: of the analogue-to-digital converter.
-        mu_sat_e: electrons at which a pixel saturates.
-        sigma_d_e: electrons of dark (read-out) noise.
-        pixels_averaged: in a value.
-        saturation_per_sr: radiance at which the shortest exposure saturates, over the irradiance
-            at normal incidence.
-        exposure_range_ev: binary logarithm of the longest over the shortest exposure.
         pixels: (width, height) of the whole sensor.
         pitch_um: from pixel to pixel.
         cfa: colour filter array, its first two rows (``"RGGB"``); none is monochrome.
@@ -151,13 +146,6 @@ class Camera(Arm):
         exposures_s: shortest and longest.
     """
 
-    distance_mm: Positive
-    bits: Annotated[int, Field(ge=1, le=32)]
-    mu_sat_e: AtLeastOne
-    sigma_d_e: NotNegative
-    pixels_averaged: Annotated[int, Field(ge=1)]
-    saturation_per_sr: Positive
-    exposure_range_ev: NotNegative
     pixels: Annotated[list[_Side], Field(min_length=2, max_length=2)] | None = None
     pitch_um: Positive | None = None
     cfa: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
@@ -168,6 +156,29 @@ class Camera(Arm):
     PRNU_pct: Annotated[Quantity, between(0.0, 100.0)] = _ZERO
     defects: Share = _ZERO
     exposures_s: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
+
+
+class Camera(Pictured):
+    """``[camera]``: the sensor (symbols of EMVA 1288).
+
+    Attributes:
+        distance_mm: from the sample's centre.
+        bits: of the analogue-to-digital converter.
+        mu_sat_e: electrons at which a pixel saturates.
+        sigma_d_e: electrons of dark (read-out) noise.
+        pixels_averaged: in a value.
+        saturation_per_sr: radiance at which the shortest exposure saturates, over the irradiance
+            at normal incidence.
+        exposure_range_ev: binary logarithm of the longest over the shortest exposure.
+    """
+
+    distance_mm: Positive
+    bits: Annotated[int, Field(ge=1, le=32)]
+    mu_sat_e: AtLeastOne
+    sigma_d_e: NotNegative
+    pixels_averaged: Annotated[int, Field(ge=1)]
+    saturation_per_sr: Positive
+    exposure_range_ev: NotNegative
 
 
 class Lens(Part):
@@ -265,26 +276,43 @@ class SliceTiming(Part):
         slice_s: one recording, a full turn of the arms.
         change_s: between two recordings (lights, gears, camera).
         cameras: how many record at once, at different polar angles, or ``"all"``.
+        fps: pictures per second.
     """
 
     slice_s: Positive
     change_s: NotNegative
     cameras: Annotated[int, Field(ge=1)] | Literal["all"] = 1
+    fps: Positive | None = None
 
 
-class Polar(Arm):
-    """``[camera]`` or ``[light]`` of a gantry: at fixed polar angles on an arm.
+class PolarCamera(Pictured):
+    """``[camera]`` of a gantry: at fixed polar angles on an arm.
 
     Attributes:
         distance_mm: from the sample's centre.
         theta_deg: polar angles at which one stands.
-        pixels, bits: of a camera.
+        repeatability_deg: largest error (±) of the arm's azimuth and of these angles.
+        bits, mu_sat_e, sigma_d_e, saturation_per_sr: as of ``Camera``, where it takes pictures.
     """
 
     distance_mm: Positive
-    theta_deg: Annotated[list[Annotated[float, Field(ge=0.0, lt=90.0)]], Field(min_length=1)]
-    pixels: Annotated[list[_Side], Field(min_length=2, max_length=2)] | None = None
+    theta_deg: Fixed
+    repeatability_deg: NotNegative = _ZERO
     bits: Annotated[int, Field(ge=1, le=32)] | None = None
+    mu_sat_e: AtLeastOne | None = None
+    sigma_d_e: NotNegative | None = None
+    saturation_per_sr: Positive | None = None
+
+
+class PolarLight(Light):
+    """``[light]`` of a gantry: at fixed polar angles on an arm.
+
+    Attributes:
+        theta_deg, repeatability_deg: as of ``PolarCamera``.
+    """
+
+    theta_deg: Fixed
+    repeatability_deg: NotNegative = _ZERO
 
 
 class Coupling(Part):
@@ -305,6 +333,7 @@ class Dome(Part):
     Attributes:
         directions_deg: (theta, phi) of every camera and light.
         camera_mm, light_mm: from the sample's centre.
+        placement_deg: largest error (±) of where each stands, always the same.
     """
 
     directions_deg: Annotated[
@@ -312,6 +341,7 @@ class Dome(Part):
     ]
     camera_mm: Positive
     light_mm: Positive
+    placement_deg: NotNegative = _ZERO
 
 
 class Ellipsoid(Part):

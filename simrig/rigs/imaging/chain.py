@@ -87,11 +87,15 @@ class Chain:
         named = self.recording.sensor.get("cfa")
         return None if named is None else str(named)
 
+    def _has(self, effect: str) -> bool:
+        """Return whether pictures have an effect; photographs, which say of none, have all."""
+        return not self.recording.about.get("effects") or effect in self.recording.effects
+
     @cached_property
     def model(self) -> SensorModel:
         """The sensor."""
         found = SensorModel.of(self.recording.sensor)
-        if "dark-current" not in self.recording.effects and self.recording.effects:
+        if not self._has("dark-current"):
             found = replace(found, dark_e_s=0.0)
         return found
 
@@ -214,8 +218,7 @@ class Chain:
         to_light = light_mm - np.stack([x, y, plane.height(x, y)], axis=-1)
         square = np.sum(to_light**2, axis=-1)
         cosine = to_light @ plane.normal / np.sqrt(square)
-        whole = self.recording.effects
-        if not whole or "fall-off" in whole:
+        if self._has("fall-off"):
             cosine = cosine * float(np.sum(light_mm**2)) / square
         return np.asarray(cosine)
 

@@ -126,7 +126,7 @@ def _beam(subject: Subject) -> tuple[float, str]:
 
 def _vignetting(subject: Subject) -> tuple[float, str]:
     optics = subject.optics
-    field = 0.5 * optics.description.sample.spot_diameter_mm.value / optics.moves.camera_mm
+    field = 0.5 * optics.spot_mm / optics.moves.camera_mm
     corner = 0.5 * np.hypot(*(optics.description.camera.pixels or (1, 1))) / optics.intrinsics[0, 0]
     lens = optics.description.lens.vignetting.value * (field / corner) ** 2
     share = float(1.0 - (1.0 - lens) / (1.0 + field**2) ** 2)
@@ -142,7 +142,7 @@ def _drift(subject: Subject) -> tuple[float, str]:
 def _blur(subject: Subject, direct: RigSubject) -> tuple[np.ndarray, str]:
     optics = subject.optics
     spread = optics.blur_pixels * optics.moves.camera_mm / optics.intrinsics[0, 0]
-    spot = optics.description.sample.spot_diameter_mm.value
+    spot = optics.spot_mm
     margin = 0.5 * (optics.sample_mm - spot) * np.cos(direct.angles[:, 1])
     near = margin < _BLURS * spread
     change = np.where(near[:, None], np.abs(0.3 - direct.values), 0.0)
@@ -279,7 +279,7 @@ def plan_pictures(
     count = samples or len(angles)
     direct = None
     if isinstance(material, Brdf):
-        spot = spot_mm or optics.description.sample.spot_diameter_mm.value
+        spot = spot_mm or optics.spot_mm
         steepest = float(np.cos(angles[:, 1].max()))
         across = spot * optics.intrinsics[0, 0] / optics.moves.camera_mm
         seen = 0.25 * np.pi * across**2 * steepest / (4.0 if optics.sensor.cfa else 1.0)

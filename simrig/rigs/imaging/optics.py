@@ -6,7 +6,7 @@ What a pixel records is stated as its radiance over the irradiance that the ligh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,8 +17,9 @@ from simrig.core.errors import SimrigError
 from simrig.core.kept import kept
 from simrig.imaging.marks import frame_corners
 from simrig.instruments.description import Description, GonioreflectometerDescription
-from simrig.instruments.kinematics import ArmKinematics, kinematics_of
+from simrig.instruments.kinematics import Kinematics, kinematics_of
 from simrig.instruments.parts import needs
+from simrig.instruments.pictured import pictured
 from simrig.rigs.imaging.sensor import Sensor
 
 _AROUND = 1.04  # of the frame's picture, so that its edges are seen
@@ -39,7 +40,7 @@ class Optics:
     """
 
     description: GonioreflectometerDescription
-    moves: ArmKinematics
+    moves: Kinematics
     sensor: Sensor
     sample_mm: float
     frame_mm: tuple[float, float] | None
@@ -55,7 +56,7 @@ class Optics:
         """Return the optics of an instrument file.
 
         Args:
-            description: of a gonioreflectometer with the keys that pictures need.
+            description: with the tables and keys that pictures need.
             sample_mm: side of the sample; the instrument's diameter unless given.
             pixels: (width, height) that are read out around the optical axis; what the frame needs
                 unless given.
@@ -64,12 +65,7 @@ class Optics:
         Raises:
             SimrigError: another kind, missing keys, numbers that contradict each other.
         """
-        d = description
-        if not isinstance(d, GonioreflectometerDescription):
-            raise SimrigError(
-                f"pictures are taken with a gonioreflectometer, not with '{d.instrument.name}' "
-                f"of kind '{d.instrument.kind}'"
-            )
+        d = pictured(description)
         needs("camera", d.camera, "pixels", "pitch_um", "exposures_s")
         assert d.camera.pixels and d.camera.pitch_um and d.camera.exposures_s
         _check_exposures(d)
@@ -116,9 +112,8 @@ class Optics:
             camera.cfa,
             seed,
         )
-        moves = kinematics_of(d)
-        assert isinstance(moves, ArmKinematics)
-        return cls(d, replace(moves, sample_mm=0.5 * side), sensor, side, frame)
+        moves = kinematics_of(description).of_sample(0.5 * side)
+        return cls(d, moves, sensor, side, frame)
 
     # -- pixels ----------------------------------------------------------------------------------
 
@@ -137,6 +132,11 @@ class Optics:
         width, height = self.sensor.pixels
         pitch = self.moves.camera_mm / float(self.intrinsics[0, 0])
         return width * pitch, height * pitch
+
+    @property
+    def spot_mm(self) -> float:
+        """Diameter of the area over which a value is averaged, on the sample."""
+        return min(self.description.sample.spot_diameter_mm.value, self.sample_mm)
 
     @cached_property
     def distortion(self) -> np.ndarray:

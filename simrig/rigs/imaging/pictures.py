@@ -51,9 +51,6 @@ class Poses:
 def poses_of(optics: Optics, angles: np.ndarray, moving: bool, seed: int) -> Poses:
     """Return the poses of directions in the order in which they are taken.
 
-    An axis that stays where it is keeps its error; one that moves draws another, which belongs to
-    the direction that it moves for.
-
     Args:
         optics: the instrument.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
@@ -69,14 +66,12 @@ def poses_of(optics: Optics, angles: np.ndarray, moving: bool, seed: int) -> Pos
     four = {str(axis.name): axis for axis in description.axis}
     largest = np.radians([four[name].repeatability_deg.value for name in AXES])
     offset = np.radians([four[name].offset_deg.value for name in AXES])
-    drawn = largest * (2.0 * uniforms(commanded.angles, seed, _POSITION_STREAM, 4) - 1.0)
-    motors = moves.motors(commanded.settings)
-    moved = np.ones(motors.shape, dtype=bool)
-    moved[1:] = np.abs(np.diff(motors, axis=0)) > 1e-9
-    numbers = np.arange(len(motors))[:, None]
-    last = np.maximum.accumulate(np.where(moved, numbers, 0), axis=0)
-    errors = np.take_along_axis(drawn, last, axis=0) + offset
-    actual = moves.stopped(moves.moved(commanded.settings, errors))
+    actual = moves.missed(
+        commanded,
+        largest,
+        offset,
+        lambda rows, count: 2.0 * uniforms(rows, seed, _POSITION_STREAM, count) - 1.0,
+    )
     return Poses(commanded, replace(actual, fault=commanded.fault), hours)
 
 

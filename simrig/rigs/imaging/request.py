@@ -18,7 +18,7 @@ from simrig.files import hdf5
 from simrig.files.btf.hdf5 import CONTENT as BTF
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.load import load_material
-from simrig.instruments.description import Description, GonioreflectometerDescription, described
+from simrig.instruments.description import Description, described
 from simrig.mesostructure import PRESETS, Tile, build_tile
 from simrig.plans.protocol import ListedPlan, Plan
 from simrig.rigs.btf.rig import view_order
@@ -101,8 +101,6 @@ def request_of(
             f"a recording needs directions that are known before, not plan '{plan.name}': use plan "
             "'scheme' or 'directions'"
         )
-    if not isinstance(description, GonioreflectometerDescription):
-        Optics.of(description)  # says what is wrong
     angles = np.asarray(plan.angles(), dtype=np.float64)
     request = Request(
         material,
