@@ -12,14 +12,23 @@ from scipy import ndimage
 
 from command_line import done as run_json
 from command_line import refusal as bad_input
+from simrig.brdf import Lambert
+from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError
 from simrig.evaluation.stability.recordings import PLANE, SAMPLE_MM, write_recording
 from simrig.evaluation.studies.registration.surfaces import SURFACES
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.images import read_image
 from simrig.files.load import load_material
-from simrig.rigs.imaging.chain import Settings
+from simrig.files.recorded import RecordedPictures
+from simrig.imaging.alignment import Plane
+from simrig.imaging.camera import from_pose
+from simrig.imaging.registration import register
+from simrig.instruments.description import described, shipped
+from simrig.rigs.imaging.chain import Chain, Settings
+from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.processing import process_recording
+from simrig.rigs.imaging.recorder import Camera, Recording
 
 
 @pytest.fixture(scope="module")
@@ -237,3 +246,64 @@ def test_stages_work_on_files(tmp_path):
         "process", "demosaic", tmp_path / "bad.npy", "-o", tmp_path / "x.npz", "--pattern", "RGGB"
     )
     assert not (tmp_path / "x.npz").exists()
+
+
+@pytest.mark.slow
+def test_more_processes_give_the_same_bits(recording, processed, tmp_path):
+    output = tmp_path / "out.h5"
+    own = ("process", "recording", recording, "-o", output, "--pixels", 160, "--size-mm", 32)
+    run_json(*own, "--workers", 2)
+    assert np.array_equal(read_btf(processed[0]).values[:], read_btf(output).values[:])
+    assert "leave out --workers" in bad_input(*own, "--workers", 2, "--scheduler", "tcp://no:1")
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory):
+    """Six pictures from one place, with the errors of axes, noise, a bent lens and a mosaic."""
+    description = described(shipped("utia").model_dump(mode="json", exclude_none=True))
+    angles = np.radians([[theta, 55.0, 20.0 * theta, 90.0] for theta in range(5, 65, 10)])
+    effects = ("positioning", "fall-off", "distortion", "photon-noise", "dark-noise",
+               "quantisation")  # fmt: skip
+    camera = Camera(Optics.of(description, 10.0), Lambert((0.5, 0.3, 0.1)), effects)
+    folder = tmp_path_factory.mktemp("views") / "recording"
+    Recording(camera, angles, "a view", {}).run(folder)
+    return folder
+
+
+def chain_of(folder):
+    return Chain(RecordedPictures(folder), Settings(pixels=24, size_mm=8.0, plane="marks"))
+
+
+def test_pictures_from_one_place_share_the_camera_that_their_frame_tells(view):
+    chain = chain_of(view)
+    for number, image, marked in chain.images(range(6), [0, 2, 4], Plane()):
+        ((_, alone, _),) = chain.images([number], [number], Plane())
+        assert marked
+        np.testing.assert_allclose(image.mean(axis=(0, 1)), alone.mean(axis=(0, 1)), rtol=1e-4)
+
+
+def test_where_something_moved_every_picture_has_a_camera_of_its_own(view, tmp_path):
+    """The frame of one of three pictures is two pixels beside that of the others."""
+    folder = copied(view, tmp_path / "recording")
+    with np.load(folder / "poses" / "000002.npz") as file:
+        arrays = {name: file[name] for name in file.files if not name.endswith(".json")}
+    moved = arrays | {"frames": np.roll(arrays["frames"], 2, axis=2)}
+    np.savez(folder / "poses" / "000002.npz", **moved)
+    chain = chain_of(folder)
+    for number, image, marked in chain.images(range(6), [0, 2, 4], Plane()):
+        ((_, alone, _),) = chain.images([number], [number], Plane())
+        assert marked and np.array_equal(image, alone)
+
+
+def test_a_window_holds_all_that_an_image_needs(view):
+    """The same image from the whole picture, by ``register`` of its colours."""
+    chain = chain_of(view)
+    ((_, image, _),) = chain.images([3], [3], Plane())
+    taken = chain.recording.pose(3)
+    nominal = from_pose(taken["intrinsics"], taken["distortion"], taken["camera_to_world"])
+    camera = nominal.posed(chain.corners, chain.marks(taken))
+    whole, seen = register(chain.colours(taken), camera, chain.area)
+    light = chain.irradiance(*chain.area.points(), Plane(), taken["light_mm"])
+    whole = whole / light[..., None] @ (FROM_XYZ @ chain.colour.matrix).T
+    assert seen.all()
+    np.testing.assert_allclose(image, whole, rtol=1e-7, atol=1e-9)

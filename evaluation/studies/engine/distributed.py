@@ -21,6 +21,11 @@ from simrig.evaluation.studies.engine.run import Finished, run_timed
 
 _CONNECT_SECONDS = 5
 _RETRIES = 2  # of a cell that raised; the loss of a worker is not counted
+# Dask has workers return freed memory at once: every array would be mapped and cleared anew
+_WORKER = {
+    "MALLOC_TRIM_THRESHOLD_": 1 << 28, "MALLOC_MMAP_THRESHOLD_": 1 << 25,
+    "OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1,
+}  # fmt: skip
 _one_cell = threading.Lock()
 
 
@@ -82,12 +87,14 @@ def _run(
 @contextmanager
 def _connected(scheduler: str | None, workers: int) -> Iterator[Any]:
     """Give a client of a scheduler, or of a cluster of processes that ends with the block."""
+    import dask
     from distributed import Client, LocalCluster
     from distributed.utils import silence_logging_cmgr
 
     with ExitStack() as stack:
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         if scheduler is None:
+            stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": _WORKER}))
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
