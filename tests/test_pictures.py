@@ -209,7 +209,7 @@ def test_exposures_span_what_a_picture_shows() -> None:
 
 
 def test_instruments_that_take_no_pictures_are_refused() -> None:
-    refused("pictures are taken with a gonioreflectometer", Optics.of, shipped("dome-151"))
+    refused("pictures are taken with a gonioreflectometer", Optics.of, shipped("reflector"))
     for table, key, value, message in (
         ("camera", "pixels", None, "'pixels' is missing in .camera.: pictures need it"),
         ("camera", "exposures_s", [0.1, 1.0], "span .* EV, exposure_range_ev says 14.4"),

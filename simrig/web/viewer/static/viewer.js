@@ -114,7 +114,7 @@ async function slices() {
   const most = Math.max(1e-9, ...curves.flat());
   plot($("cartesian"), curves, (v, n, w, h) => [40 + ((data.views[n] + 90) / 180) * (w - 50), h - 24 - (v / most) * (h - 44)], most);
   plot($("polar"), curves, (v, n, w, h) => {
-    const angle = (data.views[n] * Math.PI) / 180, radius = (v / most) * (h - 50);
+    const angle = (data.views[n] * Math.PI) / 180, radius = (v / most) * Math.min(h - 50, w / 2 - 20);
     return [w / 2 + radius * Math.sin(angle), h - 20 - radius * Math.cos(angle)];
   }, most);
   $("albedo").replaceChildren(...names.map((name, n) => {
