@@ -41,7 +41,7 @@ _BRIGHT = 6.0  # pixels with more than this times the median irradiance lie in t
 _SPECK = 1.3  # times the brightest neighbour, or below the darkest one by this
 _WELL_LIT = (0.001, 0.95)  # quantiles of the half vectors' polar angles
 _STEP_DEG = 1.0  # of profiles
-# unevenness of a reference that halves the significance; measured on 48 isotropic materials
+# unevenness of a reference that halves the significance; measured on 24 isotropic materials
 _UNEVEN = 0.07
 
 

@@ -20,7 +20,7 @@ from simrig.web.experiment import sessions
 from simrig.web.experiment.design import PICTURES, Design
 from simrig.web.experiment.sessions import Refused
 from simrig.web.experiment.store import Store, secret
-from simrig.web.guard import Guard, Rate
+from simrig.web.guard import Guard, Rate, unreadable
 
 _PAGES = {
     "/": "index.html",
@@ -212,11 +212,7 @@ def _answer_faults(app: FastAPI) -> None:
     async def refused(_request: Request, error: Refused) -> Response:
         return JSONResponse({"error": str(error)}, error.status)
 
-    @app.exception_handler(RequestValidationError)
-    async def unreadable(_request: Request, error: RequestValidationError) -> Response:
-        fault = error.errors()[0]
-        place = ".".join(str(part) for part in fault["loc"][1:])
-        return JSONResponse({"error": f"{place}: {fault['msg']}"[:200]}, 422)
+    app.add_exception_handler(RequestValidationError, unreadable)
 
     @app.exception_handler(HTTPException)
     async def other(_request: Request, error: HTTPException) -> Response:

@@ -21,7 +21,7 @@ from starlette.exceptions import HTTPException
 
 from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.images import delta_e_map
-from simrig.web.guard import Guard
+from simrig.web.guard import Guard, unreadable
 from simrig.web.viewer.page import Shown, command, static_page
 from simrig.web.viewer.shading import in_plane, lit, views_deg
 
@@ -128,11 +128,7 @@ def application(shown: list[Shown], token: str, origins: list[str]) -> Any:
         allowed(request)
         return Response(command(shown, state.model_dump()), media_type="text/plain")
 
-    @app.exception_handler(RequestValidationError)
-    async def unreadable(_request: Request, error: RequestValidationError) -> Response:
-        fault = error.errors()[0]
-        place = ".".join(str(part) for part in fault["loc"][1:])
-        return JSONResponse({"error": f"{place}: {fault['msg']}"[:200]}, 422)
+    app.add_exception_handler(RequestValidationError, unreadable)
 
     @app.exception_handler(SimrigError)
     async def refused(_request: Request, error: SimrigError) -> Response:
