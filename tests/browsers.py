@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ def chromium() -> Iterator[Any]:
     if place is None:
         pytest.skip("no browser here: apt-get install chromium")
     playwright = pytest.importorskip("playwright.sync_api", reason="needs simrig[dev]")
+    gc.collect()  # nothing that other tests left is to be freed while the driver switches stacks
     with playwright.sync_playwright() as driver:
         options = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
         browser = driver.chromium.launch(executable_path=place, args=options)

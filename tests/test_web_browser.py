@@ -11,7 +11,7 @@ import pytest
 
 from browsers import chromium, page_of
 from command_line import done
-from web_folders import Running, served, small_experiment
+from web_folders import Process, small_experiment
 
 PIXEL_MM = 0.265  # of a CSS pixel, as the subject measures
 pytestmark = pytest.mark.slow
@@ -24,9 +24,9 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
-def server(tmp_path: Path) -> Iterator[Running]:
+def server(tmp_path: Path) -> Iterator[Process]:
     small_experiment(tmp_path / "experiment", 1080)
-    running = served(tmp_path / "experiment")
+    running = Process("experiment", "serve", tmp_path / "experiment")
     yield running
     running.stop()
 
@@ -88,7 +88,7 @@ def shown(page: Any) -> dict[str, float]:
     ("size", "ratio"), [((1366, 768), 1.0), ((1920, 1080), 1.5), ((2560, 1440), 2.0)]
 )
 def test_the_whole_experiment_by_keyboard(
-    browser: Any, server: Running, tmp_path: Path, size: tuple[int, int], ratio: float
+    browser: Any, server: Process, tmp_path: Path, size: tuple[int, int], ratio: float
 ) -> None:
     with page_of(browser, size, ratio) as (page, faults):
         begin(page, server.origin)
@@ -125,7 +125,7 @@ def test_the_whole_experiment_by_keyboard(
 
 
 def test_wrong_measurements_are_asked_again_and_a_reload_goes_on(
-    browser: Any, server: Running
+    browser: Any, server: Process
 ) -> None:
     with page_of(browser, (1600, 1000)) as (page, faults):
         page.goto(f"{server.origin}/")
@@ -168,7 +168,7 @@ def test_wrong_measurements_are_asked_again_and_a_reload_goes_on(
         assert faults == []
 
 
-def test_the_code_deletes_everything(browser: Any, server: Running) -> None:
+def test_the_code_deletes_everything(browser: Any, server: Process) -> None:
     with page_of(browser, (1280, 800)) as (page, _):
         page.goto(f"{server.origin}/#withdraw")
         page.wait_for_selector("#code")

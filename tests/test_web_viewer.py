@@ -17,23 +17,22 @@ from browsers import chromium, page_of
 from command_line import done, refusal
 from simrig.core import backend
 from simrig.front_door.materials import as_brdf
-from simrig.front_door.viewing import shown_of
 from simrig.plugins import make_bsdf
 from simrig.rendering.render import render
 from simrig.scenes import build_scene
-from simrig.web.viewer.server import application
 from simrig.web.viewer.shading import FORMS, in_plane, lit, views_deg
-from web_folders import Running
-
-TOKEN = "t" * 43
+from web_folders import Process
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Running]:
-    shown = shown_of(("yellow_satin", "purple_satin"))
-    running = Running(lambda origins: application(shown, TOKEN, origins))
+def server() -> Iterator[Process]:
+    running = Process("view", "yellow_satin", "purple_satin")
     yield running
     running.stop()
+
+
+def token_of(server: Process) -> str:
+    return server.address.partition("#token=")[2]
 
 
 @pytest.mark.parametrize("name", ["yellow_satin", "brushed_aluminium"])
@@ -79,8 +78,8 @@ def test_slices_are_the_look_up() -> None:
     assert values[120] == pytest.approx(brdf.eval(light, view))
 
 
-def test_pictures_come_as_halves_with_their_difference(server: Running) -> None:
-    status, said, _ = server.ask("POST", "/api/picture", {"resolution": 64}, TOKEN)
+def test_pictures_come_as_halves_with_their_difference(server: Process) -> None:
+    status, said, _ = server.ask("POST", "/api/picture", {"resolution": 64}, token_of(server))
     assert status == 200
     (length,) = struct.unpack_from("<I", said)
     head = json.loads(said[4 : 4 + length])
@@ -102,12 +101,13 @@ def test_pictures_come_as_halves_with_their_difference(server: Running) -> None:
         ("POST", "/api/command"),
     ],
 )
-def test_nothing_is_shown_without_the_token(server: Running, method: str, path: str) -> None:
+def test_nothing_is_shown_without_the_token(server: Process, method: str, path: str) -> None:
     body = {} if method == "POST" else None
-    for token in (None, "", TOKEN + "x", TOKEN[:-1], "x" * 3000):
+    own = token_of(server)
+    for token in (None, "", own + "x", own[:-1], "x" * 3000):
         assert server.ask(method, path, body, token)[0] == 401
-    assert server.ask(method, path, body, TOKEN, Origin="https://evil.example")[0] == 403
-    assert server.ask(method, path, body, TOKEN, Host="evil.example")[0] == 421
+    assert server.ask(method, path, body, own, Origin="https://evil.example")[0] == 403
+    assert server.ask(method, path, body, own, Host="evil.example")[0] == 421
 
 
 @pytest.mark.parametrize(
@@ -122,14 +122,14 @@ def test_nothing_is_shown_without_the_token(server: Running, method: str, path: 
         {"theta_i": 90},
     ],
 )
-def test_states_that_cannot_be_are_refused(server: Running, change: dict[str, Any]) -> None:
-    status, said, _ = server.ask("POST", "/api/picture", change, TOKEN)
+def test_states_that_cannot_be_are_refused(server: Process, change: dict[str, Any]) -> None:
+    status, said, _ = server.ask("POST", "/api/picture", change, token_of(server))
     assert status == 422 and "\n" not in said["error"]
 
 
-def test_no_path_leads_to_a_file(server: Running) -> None:
+def test_no_path_leads_to_a_file(server: Process) -> None:
     for path in ("/api/figure/9", "/api/figure/-1", "/../page.py", "/%2e%2e/server.py", "/docs"):
-        assert server.ask("GET", path, token=TOKEN)[0] in (404, 422)
+        assert server.ask("GET", path, token=token_of(server))[0] in (404, 422)
 
 
 @pytest.mark.slow
@@ -156,10 +156,10 @@ def test_bad_commands_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("size", "ratio"), [((1366, 768), 1.0), ((1920, 1080), 2.0)])
 def test_the_lamp_follows_mouse_and_keys(
-    server: Running, size: tuple[int, int], ratio: float
+    server: Process, size: tuple[int, int], ratio: float
 ) -> None:
     with chromium() as browser, page_of(browser, size, ratio) as (page, faults):
-        page.goto(f"{server.origin}/#token={TOKEN}")
+        page.goto(server.address)
         page.wait_for_function("() => window.viewerTimes.length > 1")
         picture = page.locator("canvas.light").first
         seen = "c => c.toDataURL()"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import json
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -59,22 +61,10 @@ def small_experiment(folder: Path, resolution: int = 540, **changes: Any) -> Des
     return design
 
 
-class Running:
-    """An application of ours that is served by a thread of this process."""
+class Asked:
+    """A server at an address."""
 
-    def __init__(self, app_of: Callable[[list[str]], Any]) -> None:
-        self._sock = listening("127.0.0.1", 0)
-        self.origin = origins_of(self._sock)[0]
-        self._server = server(app_of(origins_of(self._sock)))
-        self._thread = threading.Thread(target=self._server.run, args=([self._sock],))
-        self._thread.start()
-        while not self._server.started:
-            time.sleep(0.01)
-
-    def stop(self) -> None:
-        self._server.should_exit = True
-        self._thread.join(20)
-        self._sock.close()
+    origin: str
 
     def ask(
         self, method: str, path: str, body: Any = None, token: str | None = None, **headers: str
@@ -92,6 +82,42 @@ class Running:
         said = json.loads(text) if answer.headers.get_content_type() == "application/json" else text
         connection.close()
         return answer.status, said, {k.lower(): v for k, v in answer.headers.items()}
+
+
+class Running(Asked):
+    """An application of ours that is served by a thread of this process."""
+
+    def __init__(self, app_of: Callable[[list[str]], Any]) -> None:
+        self._sock = listening("127.0.0.1", 0)
+        self.origin = origins_of(self._sock)[0]
+        self._server = server(app_of(origins_of(self._sock)))
+        self._thread = threading.Thread(target=self._server.run, args=([self._sock],))
+        self._thread.start()
+        while not self._server.started:
+            time.sleep(0.01)
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+        self._thread.join(20)
+        self._sock.close()
+
+
+class Process(Asked):
+    """A command of ours that serves in a process of its own, as a user starts it.
+
+    Drivers of browsers switch stacks in this process; no other thread is to compute here.
+    """
+
+    def __init__(self, *arguments: str | Path) -> None:
+        command = [sys.executable, "-m", "simrig.cli", *map(str, arguments), "--port", "0"]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        self.address = self._process.stdout.readline().strip()
+        self.origin = self.address.partition("/#")[0].rstrip("/")
+
+    def stop(self) -> None:
+        self._process.terminate()
+        self._process.communicate(timeout=20)
 
 
 def served(folder: Path, database: str | None = None) -> Running:
