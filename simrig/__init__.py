@@ -29,6 +29,7 @@ _HOME = {
     "budget": "simrig.front_door.uncertainty",
     "compare": "simrig.front_door.comparing",
     "critical_distance": "simrig.front_door.seeing",
+    "fit_psychometric": "simrig.perception.trials",
     "imaging": "simrig",
     "load": "simrig.front_door.materials",
     "materials": "simrig.front_door.materials",

@@ -21,6 +21,7 @@ from simrig.front_door.studies import pareto as pareto
 from simrig.front_door.studies import study as study
 from simrig.front_door.uncertainty import budget as budget
 from simrig.front_door.viewing import view as view
+from simrig.perception.trials import fit_psychometric as fit_psychometric
 from simrig.rigs.measurements.measurement import Measurement as Measurement
 
 __version__: str
@@ -36,6 +37,7 @@ __all__ = [
     "budget",
     "compare",
     "critical_distance",
+    "fit_psychometric",
     "imaging",
     "load",
     "materials",
