@@ -45,7 +45,6 @@ class Audited:
         expected: error, in the unit of the tolerance; None where the plan cannot tell.
         measured: against the reference, and the reference's own error; None without.
         reference_error: see ``measured``.
-        advice: of the plan.
         switched_on: effects that the check of the picture brought on.
         planning_s, render_s, verification_s: seconds without compilation.
         wall_s: all of it, with compilation.

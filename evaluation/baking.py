@@ -163,11 +163,8 @@ class Baked:
     """A material in the form that renders fastest.
 
     Attributes:
-        brdf: it.
         chosen: the form and what it comes to.
         itself: the same of the material as it was.
-        tried: all forms.
-        tolerance: that was asked for.
     """
 
     brdf: Brdf

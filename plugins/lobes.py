@@ -113,7 +113,6 @@ def lobe_pdf(lobe: Lobe, w_fixed: Array, w_sampled: Array, seen: Stretched | Non
     """Return the density (1/sr) with which the lobe samples ``w_sampled`` given ``w_fixed``.
 
     Args:
-        lobe: that samples.
         w_fixed, w_sampled: both in the upper hemisphere.
         seen: ``stretched(lobe, w_fixed)``, where it is known already.
     """
@@ -157,7 +156,6 @@ def sample_mixture(
     """Return a direction (x, y, z) drawn from the mixture; it may fall below the horizon.
 
     Args:
-        mixture: what to draw from.
         w_fixed: the known direction, in the upper hemisphere.
         u_lobe, u, v: uniform variates; the first selects the lobe.
         seen: ``all_stretched(mixture, w_fixed)``, where it is known already.

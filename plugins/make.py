@@ -18,7 +18,6 @@ def make_bsdf(brdf: Brdf, rotation_deg: float = 0.0) -> Any:
     """Return a Mitsuba BSDF of a BRDF, for use as a value in scene dictionaries.
 
     Args:
-        brdf: what to render.
         rotation_deg: rotation of the material about its normal, in degrees.
 
     Raises:
@@ -37,7 +36,6 @@ def make_btf(brdf: SpatialBrdf, **options: Any) -> Any:
     """Return a Mitsuba BSDF of a BTF in memory, for use as a value in scene dictionaries.
 
     Args:
-        brdf: what to render.
         options: numbers of the plugin ``simrig_btf``: ``scale`` (required), ``scale_v``,
             ``rotation``, ``pixel_angle``, ``pixel_width``, ``unit``.
 

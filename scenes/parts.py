@@ -144,7 +144,6 @@ def by_part(bsdf: Any, parts: Iterable[str], kind: str) -> dict[str, tuple[str, 
     Args:
         bsdf: one material for all parts, called ``material``; or a mapping with one for each,
             called as the part.
-        parts: all parts.
         kind: of part, for errors.
 
     Raises:

@@ -24,7 +24,6 @@ def tile_shapes(tile: Tile, periods: tuple[int, int] = (1, 1)) -> dict[str, Any]
     0 ≤ x ≤ width, 0 ≤ y ≤ height; z is up; lengths in mm.
 
     Args:
-        tile: the material.
         periods: (m, n) copies on either side along x and along y, so (2m + 1) · (2n + 1) in all.
 
     Raises:
@@ -72,7 +71,6 @@ def periods_for(
     """Return how many copies stand on either side so that no ray leaves the material.
 
     Args:
-        tile: the material.
         seen_mm: (width, height) of what a camera sees in the plane z = 0, around the middle tile.
         theta_deg: steepest angle of any ray that matters, from the normal.
 
@@ -106,7 +104,6 @@ def tile_scene(
     opposite (as in thesis section B.2), and a dim sky is all around.
 
     Args:
-        tile: the material.
         width_mm: width of what is seen; by default three periods.
         theta_v_deg: view direction, from the normal towards −y.
         light_deg: (theta, phi) of the main light.

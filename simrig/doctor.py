@@ -28,9 +28,7 @@ class Finding:
     """One line of the doctor's report.
 
     Attributes:
-        name: what was looked for.
         state: ``"ok"``, ``"note"`` (works without it) or ``"missing"``.
-        found: what there is.
         cure: how to get what is missing; empty when nothing is to be done.
     """
 

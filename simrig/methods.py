@@ -50,7 +50,6 @@ class MethodResult:
     """What a method made of a material, and what that cost.
 
     Attributes:
-        brdf: the result.
         samples: how many were really taken.
         hardware_seconds: simulated time of the measuring device.
         sampling_seconds: time of computing while measuring.
@@ -74,7 +73,6 @@ class Method:
 
     Attributes:
         name: its key in ``METHODS``, lower case with hyphens.
-        about: one line.
         make: ``make(measurement, **options)``.
         plan_name: of the plan that it was made for, a key of ``PLANS``.
         least_samples: of that plan; fewer are refused.
@@ -121,7 +119,6 @@ class Method:
         """Return the method's own plan.
 
         Args:
-            material: what will be measured.
             samples: at most so many, as near as the plan can.
             options: of the plan; None is: not given.
 
@@ -139,7 +136,6 @@ class Method:
         """Return what the method makes of a measurement.
 
         Args:
-            measurement: the samples.
             progress: called with the steps done and in total, by methods that take long.
             options: see ``options``; None is: not given.
 

@@ -27,9 +27,7 @@ class Pictures:
 
     Attributes:
         scene: what ``plan_scene`` takes.
-        plan: of the scene.
         full: the plan that simulates everything that is there.
-        exposure: of the display.
         everything: the picture with everything, as two independent halves.
     """
 

@@ -93,7 +93,6 @@ class Ablation:
     """What the effects of a scene change.
 
     Attributes:
-        plan: of the scene.
         rows: of the effects that there are, of the plan, and of the planned render last.
         spp: samples per pixel of the picture with everything, both halves together.
         noise: its standard error, in the tolerance's unit.
@@ -142,7 +141,6 @@ def ablate(
         tolerance: for which the scene is planned.
         budget_seconds: for the picture with everything; the others take about as long or less.
         variant, exposure: see ``plan_scene``.
-        seed: of all random numbers.
         progress: called with pictures done, in total, and what is being rendered.
 
     Raises:

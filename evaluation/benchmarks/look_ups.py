@@ -79,7 +79,6 @@ def count(bsdf: Any, sampled: bool) -> dict[str, int]:
     """Return the ``instructions`` and ``gathers`` of one look-up of a BSDF.
 
     Args:
-        bsdf: of Mitsuba.
         sampled: whether a direction is drawn as well, as path tracing does.
 
     Raises:

@@ -49,7 +49,6 @@ def run(
         progress: called with cells done, in total, and what is rendered.
         resolution: width of the pictures in pixels.
         rounds: timed turns of each after the first one, at least 2.
-        variant: Mitsuba variant.
 
     Returns:
         ``rows``, one per scene and material, see ``compare``.

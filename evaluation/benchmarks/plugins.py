@@ -59,9 +59,7 @@ def run(
     Args:
         progress: called with steps done and in total.
         resolution: width and height of the pictures in pixels.
-        spp: samples per pixel.
         rounds: timed renders of each material after the first one.
-        variant: Mitsuba variant.
 
     Returns:
         ``rows``, one per scene, integrator and material, with ``samples_per_second``, its ratio

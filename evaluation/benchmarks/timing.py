@@ -26,7 +26,6 @@ class Timing:
         first: the first call, with tracing and compilation (from the kernel cache on disk where
             an earlier process left it there).
         median: median of the later calls.
-        fastest, slowest: their range.
         rounds: how many later calls.
         kernels: seconds that kernels were at work in each later call. The rest is tracing in
             Python, which does not shrink with the picture; 0 where there are no kernels.
@@ -123,10 +122,7 @@ def rendering(
     """Return a job that renders a scene.
 
     Args:
-        scene: a loaded scene.
         kept: where the last picture stands under the name.
-        name: of the job.
-        spp: samples per pixel.
         settings: of ``mitsuba.render``: an integrator, a sensor.
     """
 
@@ -149,8 +145,6 @@ def stage_of(progress: Progress | None, number: int, count: int, label: str) -> 
     Args:
         progress: called with stages done and in total.
         number: of the stage, from 0.
-        count: of stages.
-        label: of the stage.
     """
     if progress is None:
         return None

@@ -17,8 +17,6 @@ class Point:
     """One setting and what it achieves. Errors are of one render, against the reference.
 
     Attributes:
-        integrator, sampler: by name.
-        spp: samples per pixel of one render.
         delta_e: mean CIE ΔE 1976 over the pixels that are not black.
         relative_rmse: root mean square error over the mean of the reference.
         psnr: of the displayed picture, in dB.
@@ -83,8 +81,6 @@ class Convergence:
     """Error over time of many settings; ``evaluation.convergence_report`` shows it.
 
     Attributes:
-        tolerance: what counts as good enough.
-        reference: what all are compared with.
         points: the settings, in the order in which they were rendered.
         rates: of the methods with at least three settings that are noisy.
         left_out: settings for which there was no time.
@@ -119,12 +115,7 @@ class Convergence:
 
 
 def fit_rate(points: Iterable[Point], integrator: str, sampler: str) -> Rate | None:
-    """Fit how fast the noise of a method falls; None with fewer than three noisy settings.
-
-    Args:
-        points: of any methods.
-        integrator, sampler: the method.
-    """
+    """Fit how fast the noise of a method falls; None with fewer than three noisy settings."""
     own = [
         (math.log(p.spp), math.log(p.noise))
         for p in points

@@ -76,7 +76,6 @@ def converge(
         levels: samples per pixel, powers of 4 in rising order.
         budget_seconds: time for all of it; a setting that would not fit is left out.
         exposure: factor from radiance to the displayed linear value.
-        seed: of all random numbers.
         progress: called with settings done, in total, and what is being rendered.
         ledger: notes what is finished; what it holds already is not rendered again, and the time
             that took counts.
@@ -121,7 +120,6 @@ def result_so_far(ledger: Ledger, tolerance: Tolerance, left_out: int = 0) -> Co
 
     Args:
         ledger: with a reference.
-        tolerance: what counts as good enough.
         left_out: settings for which there was no time.
     """
     _, reference = ledger.found_reference()

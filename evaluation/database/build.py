@@ -47,7 +47,6 @@ def build_database(
         folder: where it stands; made if need be.
         count: materials, up to 150.
         seed: of the materials and of the samples.
-        texels, spp: width of the images and samples per texel.
         scheduler, workers: see ``run_study``.
         progress: called with the materials done and in total.
 

@@ -54,7 +54,6 @@ class Steps:
     """Counts the steps of an experiment and reports them.
 
     Args:
-        total: number of steps.
         progress: called with (done, total, stage); None reports nothing.
     """
 

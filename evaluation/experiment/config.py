@@ -199,7 +199,6 @@ class Experiment(Section):
         material: name of a built-in material, or a file.
         title: heading of the report; by default the material's name.
         variant: Mitsuba variant, or ``"auto"``.
-        seed: of all random numbers.
         measurement, reconstruction, rendering, comparison: see their classes.
         scenes: what is rendered, in this order.
     """

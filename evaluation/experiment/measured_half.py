@@ -16,9 +16,6 @@ class MeasuredHalf(Brdf):
 
     Methods that rely on reciprocity measure one half of the directions. Of a material that is not
     reciprocal the best that they can give is this, so its error is a floor for theirs.
-
-    Args:
-        truth: the whole BRDF.
     """
 
     reciprocal = True

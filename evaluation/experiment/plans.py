@@ -39,8 +39,6 @@ def plan_experiment_scene(config: Experiment, settings: SceneSettings, truth: Br
 
     Args:
         config: the experiment, whose rendering is planned.
-        settings: the scene.
-        truth: what is on it.
     """
     wanted = config.rendering
     return plan_scene(

@@ -39,7 +39,6 @@ class Planned:
     Attributes:
         key: a name for files.
         method: that reconstructs it, a key of ``LABELS``.
-        plan: where it looks.
     """
 
     key: str
@@ -62,10 +61,7 @@ class Subject:
     """A reconstructed BRDF and how it came about.
 
     Attributes:
-        plan: how it was measured.
-        brdf: the result.
         record: plain values for the results: costs, bytes and files.
-        measurement: the samples.
     """
 
     plan: Planned
@@ -81,7 +77,6 @@ def make_plans(
     slices, then their baseline.
 
     Args:
-        settings: how the material is measured.
         theta_max_deg: largest polar angle of slices and grids, degrees.
         data_end: largest polar angle with data, radians; the automatic plan looks to there unless
             the settings say less.
@@ -113,9 +108,6 @@ class MeasurementRunner:
     """Measures and reconstructs one material, keeping what is finished.
 
     Attributes:
-        truth: the material.
-        rig: that measures it.
-        settings: how it is measured.
         interpolation: along the slices.
         folder: where the files go.
         parts, steps: what is finished, and who is told.

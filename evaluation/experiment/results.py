@@ -57,11 +57,9 @@ def brdf_errors(
     """Return the errors of a BRDF over all angles, and what it cost to find them.
 
     Args:
-        truth: the material.
         other: what was reconstructed of it.
         grid: of the directions where they are compared.
         settings: how many of these, and whether all of them as well.
-        seed: of the random directions.
 
     Returns:
         ``log_error_percent``, ``median_relative_error_percent`` and ``mre_percent`` (None where
@@ -104,7 +102,6 @@ def material_facts(
     half of the directions alone: no method that relies on reciprocity can be better.
 
     Args:
-        truth: the material.
         source: what the user called it.
         grid: of the directions for ``half_error``.
         samples, seed: number of these directions, and how they are drawn.

@@ -49,7 +49,6 @@ def run_experiment(
     name when this function is done.
 
     Args:
-        experiment: what to do.
         folder: is made when it does not exist.
         progress: called with (steps done, steps in total, what is being done).
 

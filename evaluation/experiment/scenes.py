@@ -83,9 +83,7 @@ class SceneRenderer:
         """Render a reconstruction and compare it with the reference, which was rendered before.
 
         Args:
-            key: of its files.
             label: for people.
-            brdf: the reconstruction.
 
         Returns:
             The errors, files and cost as plain values.

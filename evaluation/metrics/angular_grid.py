@@ -71,7 +71,6 @@ class GridSums:
     """Sums over the azimuths of each polar angle pair, arrays of shape (theta_i, theta_v, rgb).
 
     Attributes:
-        grid: what the sums are over.
         relative: Σ |f − f'| / f where f > 0.
         squared: Σ (f − f')², in 1/sr².
         squared_log: Σ (log10 f − log10 f')², both raised to ``log_floor`` first.

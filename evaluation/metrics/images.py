@@ -160,7 +160,6 @@ def image_errors(
     """Return ``delta_e`` (CIE 1976), ``rmse``, ``psnr`` in dB and ``ssim``, as the thesis compares.
 
     Args:
-        exposure: of the display.
         mask: pixels that count, all by default.
 
     Raises:

@@ -160,7 +160,6 @@ def mre_estimate(
     Args:
         truth, approximation, step_deg, theta_max_deg: as ``mre_exact``.
         samples: number of directions, at least four per polar angle pair.
-        seed: of the random numbers.
         relative_standard_error: if given (0.02 is 2 %), repeat with more samples until the
             standard error is at most this share of the estimate. Once that would take as many
             directions as the grid has, the exact value is returned.

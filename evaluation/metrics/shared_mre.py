@@ -50,7 +50,6 @@ class SharedMre:
         pilot: an approximation of it like those to come.
         samples: directions of the first level; each further level has four times as many.
         grid: over which the mean is.
-        seed: of the random numbers.
 
     Raises:
         SimrigError: for too few samples.
@@ -78,7 +77,6 @@ class SharedMre:
         """Return the MRE of an approximation.
 
         Args:
-            approximation: f'.
             relative_standard_error: largest standard error as a share of the estimate. The first
                 level of directions that is large enough is used; where none below the size of the
                 grid is, the exact value is returned.

@@ -26,7 +26,6 @@ class Strata:
     the mirror direction.
 
     Attributes:
-        grid: what is divided.
         sectors: number of sectors of each pair of polar angles.
     """
 
@@ -67,7 +66,6 @@ def allocate(strata: Strata, spread: np.ndarray, wanted: int) -> np.ndarray:
     averaged with the neighbouring polar angles and with the other sectors of its pair.
 
     Args:
-        strata: the strata.
         spread: (strata,) standard deviation within each.
         wanted: number of samples in total.
     """
@@ -115,7 +113,6 @@ def stratified_means(
     """Return the means over the grid from samples of its strata.
 
     Args:
-        strata: the strata.
         counts: (strata,) samples in each, at least two.
         stratum: (n,) stratum of each sample.
         truth, other: (n, 3) the values f and f' there.

@@ -43,7 +43,6 @@ def render(
     Args:
         results: what ``results.json`` holds (``docs/experiments.md``).
         folder: where the pictures are that it names.
-        truth: the material.
         subjects: the reconstructions in the order of the results.
         settings: the experiment as TOML.
     """

@@ -42,7 +42,6 @@ class FilesReport:
     """What became of mutated files.
 
     Attributes:
-        read, refused: how many.
         defects: what else happened, and how often.
         kept: one file for each defect.
         formats: number of mutated files of each kind.
@@ -82,7 +81,6 @@ def stability_of_files(
     """Read mutated files for some time.
 
     Args:
-        seconds: how long.
         seed: of the mutations; the same seed gives the same files in the same order.
         files: whole files to mutate besides those that are made here.
         folder: where files with defects are kept; a temporary folder unless given.

@@ -55,7 +55,6 @@ def hard_case(name: str, count: int = 128, seed: int = 0) -> HardCase:
 
     Args:
         name: one of ``case_names()``.
-        count: number of direction pairs.
         seed: of the random directions; each case has its own stream.
 
     Raises:

@@ -34,8 +34,6 @@ def direction_rows(
     """Return the rows of one subject of direction pairs.
 
     Args:
-        subject: what is computed.
-        cases: the direction pairs.
         precisions: a selection of ``PRECISIONS``.
         backend_name: see ``stability_table``.
     """

@@ -38,8 +38,6 @@ class KillReport:
     """What became of a command that was killed again and again.
 
     Attributes:
-        command: its name.
-        kills, starts: how many.
         resumed: starts that found finished pieces.
         ended: runs that came to their end, each after its kills.
         equal: of these, those with the bits of an uninterrupted run.
@@ -67,7 +65,6 @@ class Uninterrupted:
     """A run that nobody killed.
 
     Attributes:
-        seconds: that it took.
         changes: of files.
         files: that it left, relative to its folder.
         bits: of its results.
@@ -88,9 +85,7 @@ def stability_of_kills(
     """Kill every job so often, and say what became of it.
 
     Args:
-        kills: of each job.
         seed: of the moments; those in time still depend on how busy the machine is.
-        jobs: what is run.
         progress: called with kills done and in total.
     """
     reports = []

@@ -86,7 +86,6 @@ def method_row(
     """Return the row of a method: its error beside what conditioning explains.
 
     Args:
-        case, name: of the row.
         values, reference: results and what they should be, of one shape.
         scale: what errors are relative to, > 0.
         sensitivity: largest relative change of the reference with 1 ulp of the input.
@@ -223,11 +222,8 @@ def reconstruction_rows(
     """Return the rows of BRDFs reconstructed from hard signals, over all directions.
 
     Args:
-        interpolation: along the slices.
-        cases: hard cases of directions.
         backend_name: ``"llvm"`` or ``"cuda"``.
         reconstruct: from a measurement along slices to a BRDF.
-        slice_types: which slices are measured.
         extra: samples beyond those where slices cross; with 0 many slices have one sample.
     """
     wi, wv = (np.concatenate([getattr(case, key) for case in cases]) for key in ("wi", "wv"))

@@ -31,12 +31,7 @@ _BELOW = (0.0, 0.0, -1.0)  # stands for a draw that fell below the horizon
 
 @dataclass(frozen=True, eq=False)
 class _PluginSubject:
-    """One function of a BSDF; ``wi`` is the illumination (Mitsuba's ``wo``).
-
-    Attributes:
-        name: of the row.
-        bsdf: a Mitsuba BSDF of ours.
-    """
+    """One function of a BSDF; ``wi`` is the illumination (Mitsuba's ``wo``)."""
 
     name: str
     bsdf: Any
@@ -143,7 +138,6 @@ def plugin_jobs(
 
     Args:
         brdfs: what the adapter wraps.
-        cases: hard cases of direction pairs.
         variant: Mitsuba variant in single precision, already resolved.
     """
     jobs = [partial(_rows_of_adapter, brdf, cases, variant) for brdf in brdfs]
@@ -159,8 +153,6 @@ def plugin_rows(
     Args:
         name: what the table calls it.
         bsdf: a Mitsuba BSDF made by ``simrig.plugins`` in the current variant.
-        cases: hard cases of direction pairs.
-        variant: the current variant.
     """
     drawn, weights = _draw(bsdf, cases)
     parts: list[tuple[_Value | _Density | _Weight, Sequence[HardCase]]] = [

@@ -12,7 +12,6 @@ class StabilityRow:
     """One object on one hard case in one precision.
 
     Attributes:
-        case: name of the hard case.
         object: name of the BRDF, parameterisation, plugin or method.
         precision: ``numpy-float64``, ``drjit-float64``, ``drjit-float32``, the Mitsuba variant of
             a plugin, or ``stored-float32`` for methods whose result is kept in single precision.

@@ -21,7 +21,6 @@ class SlicePlan:
     """Samples along a slice.
 
     Attributes:
-        name: of the case.
         position: (k,) ascending, in [0, π].
         value: (k,) at the positions, >= 0.
     """
@@ -83,7 +82,6 @@ def slice_errors(plan: SlicePlan, interpolation: str, single: bool) -> SliceErro
     """Interpolate along a plan with every kind of ends, beside SciPy.
 
     Args:
-        plan: the samples.
         interpolation: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         single: round samples and results to float32, as they are kept.
     """

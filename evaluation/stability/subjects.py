@@ -126,7 +126,6 @@ class RoundTripSubject:
     """A parameterisation: its values are both directions after a round trip, and its angles.
 
     Attributes:
-        name: of the parameterisation.
         to: from a direction pair to four angles.
         back: from the four angles to the direction pair.
         low, high: range of the four angles in radians, high excluded for azimuths only.

@@ -39,7 +39,6 @@ def stability_suite(
     Args:
         backend_name: ``"auto"`` (CUDA where a usable GPU is, else LLVM), ``"llvm"`` or ``"cuda"``.
         progress: called with the number of objects done and in total.
-        seed: of the random directions.
 
     Raises:
         SimrigError: unknown backend, or one that this machine cannot run.

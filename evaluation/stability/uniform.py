@@ -55,7 +55,6 @@ def uniform_rows(cases: list[HardCase], backend_name: str) -> list[StabilityRow]
     """Return the rows of barycentric and multilinear tables of hard signals.
 
     Args:
-        cases: hard cases of directions.
         backend_name: ``"llvm"`` or ``"cuda"``.
     """
     wi, wv = (np.concatenate([getattr(case, key) for case in cases]) for key in ("wi", "wv"))
@@ -133,8 +132,6 @@ def rbf_row(
     """Return the row of radial basis functions: the samples' own values, and their range elsewhere.
 
     Args:
-        case, name: of the row.
-        measurement: the samples.
         neighbours, logarithms, reciprocal: see
         ``simrig.reconstruction.scattered.rbf.reconstruct_rbf``.
     """

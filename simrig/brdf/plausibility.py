@@ -45,12 +45,7 @@ class Plausibility:
 
 
 def plausibility(brdf: Brdf, seed: int = 0) -> Plausibility:
-    """Look at a BRDF: 4,000 pairs of directions, and the albedo of three views.
-
-    Args:
-        brdf: what to look at.
-        seed: of the pairs.
-    """
+    """Look at a BRDF: 4,000 pairs of directions, and the albedo of three views."""
     top = min(float(np.degrees(brdf.theta_max)), 89.0)
     views = tuple(view for view in _VIEWS_DEG if view <= top)
     albedo = np.array([brdf.directional_albedo(np.radians(v), 0.0, *_NODES) for v in views])

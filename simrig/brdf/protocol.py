@@ -283,7 +283,6 @@ def evaluate(
     """Evaluate f_r on NumPy arrays of directions, in a chosen precision.
 
     Args:
-        brdf: what to evaluate.
         wi, wv: unit vectors, shapes (..., 3) that broadcast together.
         dtype: ``None`` evaluates in NumPy float64; a Dr.Jit float type (for example
             ``drjit.llvm.ad.Float64``) evaluates there.

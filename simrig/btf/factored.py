@@ -51,9 +51,6 @@ class FactoredBtf(SpatialBrdf):
         mean: m in 1/sr, (n · m pairs of the grid, 3).
         basis: B_k in 1/sr, (n · m, 3, k).
         coefficients: C_k of all levels, each level view by view, (texels · m, k).
-        grid: the measured directions.
-        mipmap: the levels.
-        name: what reports call it.
         error: of the approximation, as ``from_stack`` says.
     """
 

@@ -46,7 +46,6 @@ def factorise(stack: BtfStack, grid: PairGrid, tolerance: float, most: int, pack
 
     Args:
         stack: images of all pairs of the grid; it is read twice, view by view.
-        grid: its directions.
         tolerance: of ``Factors.error``.
         most: components of a view, at most; a multiple of ``packet``.
         packet: what the number of components is rounded up to.

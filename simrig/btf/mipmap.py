@@ -117,7 +117,6 @@ class Mipmap:
         """Return the average over footprints.
 
         Args:
-            footprint: what is seen.
             levels: what ``levels`` returned.
             look_up: returns the numbers of texels that are averaged: a colour, or
             numbers: that many.

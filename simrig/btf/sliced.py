@@ -27,7 +27,6 @@ def sliced_stack(
     """Return the stack of all pairs that a few measured images make, in memory.
 
     Args:
-        measured: the images.
         numbers: of the images that the method takes, in its order, (s,).
         method: takes values (s, texels, 3) as float64, returns (pairs, texels, 3); what falls
             below zero is black.

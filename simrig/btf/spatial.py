@@ -59,9 +59,7 @@ class SpatialBrdf(Brdf):
         """Return what is averaged over texels: the part's f_r, or what ``finish`` takes.
 
         Args:
-            context: of the directions.
             layer: number of the part.
-            texel: where.
             tables: what ``prepare`` returned.
         """
 

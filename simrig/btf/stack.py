@@ -38,7 +38,6 @@ class BtfStack(Shown):
             memory map or an HDF5 dataset: whole stacks are read with ``blocks`` only.
         angles: theta_i, theta_v, phi_i, phi_v in radians, shape (pairs, 4).
         size_mm: width and height of the tile.
-        name: what reports call it.
         provenance: how it came about, plain values.
 
     Raises:
@@ -213,8 +212,6 @@ def check_angles(angles: np.ndarray, pairs: int, name: str) -> None:
 
     Args:
         angles: theta_i, theta_v, phi_i, phi_v in radians; must have the shape (pairs, 4).
-        pairs: number of images.
-        name: of the BTF.
 
     Raises:
         SimrigError: another shape, NaN, or a polar angle outside [0, 90°].

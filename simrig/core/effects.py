@@ -140,10 +140,8 @@ class Decision:
     """What was decided about an effect.
 
     Attributes:
-        effect: its name.
         bound: the most that leaving it out can change; None when it cannot be bounded.
         on: whether it is simulated.
-        why: one line.
         cost_s: estimated seconds that simulating it adds (or would add).
         description: one line that says what the effect is.
     """
@@ -192,7 +190,6 @@ class EffectPlan(Shown):
     Attributes:
         effects: one decision per effect.
         settings: of the renderer or rig; a scene's hold ``integrator, depth, spp, variant``.
-        tolerance: what was asked for.
         about: what else is worth keeping, for example the seconds of planning.
     """
 
@@ -326,7 +323,6 @@ def decide(
         effects: in the order in which the decisions come back.
         subject: what the effects' bounds and costs are asked about.
         tolerance: the change that is allowed in all.
-        overrides: what the user decided.
 
     Raises:
         SimrigError: overrides that name an unknown effect.

@@ -100,8 +100,6 @@ def checked_options(
     """Return the options that were given (None is: not given), each checked.
 
     Args:
-        chosen: who gets them.
-        given: by name.
         others: who may have what ``chosen`` does not, for the message.
         what: ``chosen`` is, for the message: ``"plan"``.
 

@@ -15,7 +15,6 @@ def tracked(
     """Yield items, and say before each, and after the last, how many are done.
 
     Args:
-        items: the steps.
         progress: is called; nothing is said without it.
         name: what an item is called while it is being done.
     """

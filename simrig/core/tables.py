@@ -24,11 +24,9 @@ def text_table(
 
     Args:
         title: above it; none where it is empty.
-        columns: their headings.
         rows: of cells; a float is shown with four digits, anything else as it is.
         left: indices of the columns that are aligned to the left; numbers read best to the right.
         below: more rows, under a line (sums and means).
-        caption: below it.
     """
     from rich import box
     from rich.table import Table
@@ -60,7 +58,6 @@ def record_table(
     """Return a rich table of rows that have names for their values.
 
     Args:
-        title: above it.
         columns: what stands under each heading.
         rows: of named values.
         settings: of ``text_table``.

@@ -167,7 +167,6 @@ def optimal(
 
     Args:
         basis: its deviations are the prior.
-        count: of directions.
         criterion: ``"i"``, ``"a"`` or ``"d"``.
         noise: standard deviation of a logarithm.
         sweeps: of the exchange, at most.
@@ -216,10 +215,7 @@ def joint(
     The first so many of a longer design are the shorter one.
 
     Args:
-        process: of a database.
-        count: of samples.
         theta_max: largest polar angle, radians.
-        seed: of the candidates.
 
     Returns:
         (count, 4) theta_h, phi_h, theta_d, phi_d in radians.
@@ -267,8 +263,6 @@ def rotated(rows: np.ndarray, basis: SliceBasis, rotations: int, staggered: bool
     """Return rows at even rotations of the material, (rows · rotations, 4) half-difference angles.
 
     Args:
-        rows: numbers of rows.
-        basis: of them.
         rotations: of a full turn.
         staggered: each row starts at an azimuth of its own, evenly apart.
     """

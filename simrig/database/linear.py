@@ -34,7 +34,6 @@ def solved(
     """Return coefficients of Q = UΣ for rotations at which the same directions were measured.
 
     Args:
-        basis: of the database.
         rows: (n, k) rows of Q.
         values: (n, r, 3) ln(f_r w + ε) less the mean.
         phi: (r,) azimuths of the half vector, radians; only ``shifted`` needs them.

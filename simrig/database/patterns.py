@@ -250,7 +250,6 @@ def template_pattern(
     Args:
         truth: what is measured; seen at samples only.
         database: subspaces of each material.
-        count: of samples.
         spare: samples between two looks for the most similar material.
 
     Raises:

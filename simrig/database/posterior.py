@@ -43,7 +43,6 @@ class Posterior:
     """A material as far as it is known.
 
     Attributes:
-        process: of the database.
         angles: (n, 4) half-difference angles of the samples.
         choices: of brightness and the two differences.
         weights: (n, 3) K⁻¹ y of each.
@@ -72,7 +71,6 @@ class Posterior:
         """Return the posterior of samples.
 
         Args:
-            process: of a database.
             wi, wv: (n, 3) directions above the horizon.
             values: (n, 3) f_r in 1/sr; below 0 is taken as 0.
             uncertainty: (n, 3) standard uncertainty of the values, if known.

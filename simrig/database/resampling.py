@@ -34,7 +34,6 @@ def resampled(values: np.ndarray, name: str) -> DenseTable:
     Args:
         values: (81, 81, 3) f_r in 1/sr, light first; reciprocity is enforced by the mean of both
             orders.
-        name: of the table.
 
     Raises:
         SimrigError: another shape, or values that are negative or not finite.

@@ -34,7 +34,6 @@ class SliceBasis:
     """A linear basis of isotropic slices: logs ≈ mean + components · coefficients.
 
     Attributes:
-        grid: of the rows.
         mean: (p,) μ of eq. 7.2.
         components: (p, k) orthonormal columns of U.
         deviations: (k,) standard deviation along each: singular values over √m.
@@ -71,8 +70,6 @@ class Slices:
     """The compressed slices of a database.
 
     Attributes:
-        grid: of the rows.
-        names, categories, generators: of the materials.
         means: (materials, p) mean over all slices of each.
         factors: one (p, r) for each material: its slices less the mean are factor · loading.
         loadings: one (r, rotations · 3) for each, orthonormal rows.

@@ -26,7 +26,6 @@ class Entry:
 
     Attributes:
         name: unique within the database.
-        path: its file.
         category: of Table A.2, or the folder that a user's file stands in.
         generator: what made it; materials of one generator are alike.
         about: further plain values of the index.

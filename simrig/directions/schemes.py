@@ -54,7 +54,6 @@ class HemisphereScheme:
     """A list of directions that cover the hemisphere.
 
     Attributes:
-        name: what reports call it.
         theta: polar angles from the normal, shape (n,), radians in [0, π/2]. Read-only.
         phi: azimuths, shape (n,), radians in [0, 2π]. Read-only.
 

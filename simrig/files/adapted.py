@@ -71,7 +71,6 @@ class Read:
     """A material from a file.
 
     Attributes:
-        brdf: the material.
         format: its name in ``FORMATS``; empty of a built-in material.
         notes: what was made of the file's values and assumed about them.
     """

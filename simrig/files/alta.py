@@ -153,7 +153,6 @@ def read_alta(path: str | Path, clamp_negative: bool = False) -> ScatteredSample
     """Read the samples of an ALTA file; one output becomes a grey, three are linear RGB.
 
     Args:
-        path: the file.
         clamp_negative: set negative values to 0 instead of refusing them.
 
     Raises:

@@ -51,7 +51,6 @@ def read_astm(
     """Read the samples as linear RGB, and say what was made of them.
 
     Args:
-        path: the file.
         clamp_negative: set negative values to 0 instead of refusing them.
         wavelength: in nm, to take one of several as grey.
 

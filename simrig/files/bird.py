@@ -46,7 +46,6 @@ def read_bird(
     """Read the samples as linear RGB.
 
     Args:
-        path: the file.
         clamp_negative: set negative values to 0 instead of refusing them.
         wavelength: in nm, to take one of several as grey.
 

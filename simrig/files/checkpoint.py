@@ -140,8 +140,6 @@ class Checkpoint:
 
         Args:
             name: any text; a piece of the same name is replaced.
-            record: plain values.
-            arrays: of numbers, by name.
             files: finished files that belong to it, relative to the checkpoint's parent folder.
 
         Returns:

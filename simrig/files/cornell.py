@@ -29,7 +29,6 @@ def read_cornell(path: str | Path, clamp_negative: bool = False) -> ScatteredSam
     (see ``simrig.files.spectra``). Colours outside the gamut keep their negative channels.
 
     Args:
-        path: the file.
         clamp_negative: set negative spectral values to 0 instead of refusing them.
 
     Raises:

@@ -34,7 +34,6 @@ class Description:
     """What is known of a file.
 
     Attributes:
-        file: its path.
         kind: picture, material, BTF, measurement, folder of pictures, or another file.
         format: what people call it.
         says: what it says about its values, in its own words.

@@ -42,7 +42,6 @@ class Format:
     Attributes:
         name: what ``--format`` calls it.
         suffixes: usual endings, the first for writing.
-        description: one line.
         read: returns the material of a file, and notes on it.
         write: writes a material to a path; None where it cannot be written.
         honours: what the file says about its values and is used.

@@ -79,7 +79,6 @@ def create(
     """Give a new file with simrig's attributes; it takes its name only when all went well.
 
     Args:
-        path: the file.
         content: what it holds, for example ``"brdf"``.
         provenance: how it came about, anything JSON can hold.
     """
@@ -166,8 +165,6 @@ def read_array(group: h5py.Group, name: str, shape: tuple[int | None, ...] | Non
     """Read a numeric array after checking its size against the file.
 
     Args:
-        group: where it is.
-        name: its name.
         shape: what it must be; ``None`` entries match any length.
 
     Raises:
@@ -190,7 +187,6 @@ def check_claim(dataset: h5py.Dataset, most: int | None = None) -> None:
     """Refuse an array that claims more than is stored of it, or than may be read.
 
     Args:
-        dataset: of an open file.
         most: bytes that may be read at once.
 
     Raises:

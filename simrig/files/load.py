@@ -54,9 +54,7 @@ class Saved:
     """What ``save_material`` wrote.
 
     Attributes:
-        path: the file.
         format: its name in ``FORMATS``.
-        bytes: its size.
         error: how far the file, read again, is from the BRDF.
         plausibility: what a look at the BRDF found.
     """
@@ -112,8 +110,6 @@ def save_material(path: str | Path, brdf: Brdf, format: str | None = None, **opt
     simrig's own files keep, with their provenance, what a look at the BRDF found.
 
     Args:
-        path: the file.
-        brdf: any BRDF.
         format: a name of ``FORMATS`` that can be written; by default from the path's ending.
         options: ``layout`` (a ``UtiaLayout``) for utia and utia-exr, ``resolution`` (an
             ``RglResolution``) for rgl, ``basis`` for klems, ``level`` for tensor-tree,

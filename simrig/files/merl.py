@@ -28,7 +28,6 @@ def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -
     """Read a MERL file.
 
     Args:
-        path: the file.
         invalid: what a bin gets in which any channel is negative: ``"fill"`` the value of the
             nearest measured bin (phi_d periodic), ``"black"`` zero, ``"refuse"`` an error.
         lookup: ``"linear"``, or ``"nearest"`` as in the database's own code.

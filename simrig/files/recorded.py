@@ -49,9 +49,6 @@ def read_about(folder: str | Path) -> dict[str, Any]:
 class RecordedPictures:
     """A recording on disk.
 
-    Args:
-        folder: of it.
-
     Attributes:
         about: what ``recording.json`` says; ``sample``, ``sensor`` and ``calibrated``
             are parts of it.

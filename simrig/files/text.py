@@ -36,7 +36,6 @@ def read_toml(path: str | Path, kind: str) -> dict[str, Any]:
     """Return the tables of a TOML file.
 
     Args:
-        path: the file.
         kind: what it should be, such as "an instrument", for messages.
 
     Raises:

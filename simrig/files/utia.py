@@ -102,7 +102,6 @@ def read_utia(
     """Read a raw ``.bin`` file.
 
     Args:
-        path: the file.
         layout: its grid, by default the database's.
         encoding: ``"linear"``, or ``"srgb"`` to undo the sRGB curve.
         factor: multiplies the linear values.

@@ -35,7 +35,6 @@ def read_values(path: str | Path, name: str | None = None) -> np.ndarray:
         path: .npy, .npz (``name`` says which array, where it holds several), .exr, .hdr, .pfm
             (linear RGB; one channel where all are equal), .tif, .tiff and .png (raw numbers of 8
             or 16 bits or float, RGB order).
-        name: of an array.
 
     Raises:
         SimrigError: no such file, damaged, another format, no such array.

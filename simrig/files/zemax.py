@@ -37,7 +37,6 @@ def read_zemax(path: str | Path, clamp_negative: bool = False) -> ScatteredSampl
     """Read the samples above the horizon, as isotropic ones.
 
     Args:
-        path: the file.
         clamp_negative: set negative values to 0 instead of refusing them.
 
     Raises:

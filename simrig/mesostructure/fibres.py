@@ -23,7 +23,6 @@ class Nonwoven:
 
     Attributes:
         colours: linear RGB albedo of which each fibre takes one at random.
-        size_mm: of the tile.
         radius: of a fibre, mm.
         length: of a fibre, mm.
         coverage: length of fibres times their diameter, over the area: how many lie on each other.

@@ -19,7 +19,6 @@ class Sandpaper:
     """Grains with flat facets, half sunk in resin.
 
     Attributes:
-        size_mm: of the tile.
         grain: mean diameter of a grain, mm.
         colour: linear RGB albedo of the abrasive.
         resin: linear RGB albedo of the resin.

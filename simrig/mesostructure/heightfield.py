@@ -139,7 +139,6 @@ def backing(
     """Return a flat floor, so that no ray from above passes between what stands on it.
 
     Args:
-        size_mm: of the tile.
         z: height of the floor, mm.
         bsdf: see ``Part``.
         colour: (3,) linear RGB albedo, when the BSDF asks for colours.

@@ -19,7 +19,6 @@ class Knit:
     """Stockinette, seen from the side with the V-shaped legs or with the arcs.
 
     Attributes:
-        yarn: of every course.
         wale: width of a loop, mm.
         course: distance of the rows of loops, mm.
         wales, courses: numbers of loops in the tile, along x and along y.

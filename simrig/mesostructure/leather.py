@@ -19,7 +19,6 @@ class Leather:
 
     Attributes:
         colour: linear RGB albedo.
-        size_mm: of the tile.
         pebble: mean distance of the pebbles, mm.
         depth: of the deepest creases, mm.
         crease: width of a crease over the distance of the pebbles.

@@ -20,7 +20,6 @@ def band_noise(
     Args:
         grid: where values are wanted.
         size_mm: typical size of a blob; (along x, along y) for elongated ones.
-        rng: random generator.
 
     Returns:
         (rows, columns) float64.
@@ -44,10 +43,8 @@ def scattered(
     """Return random points of even density, periodic in the tile.
 
     Args:
-        size_mm: of the tile.
         spacing_mm: about the distance between neighbours; the number of points is the area of
             the tile over spacing².
-        rng: random generator.
         relaxation: Lloyd steps towards equal cells; 0 leaves the points independent.
 
     Returns:

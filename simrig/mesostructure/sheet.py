@@ -19,7 +19,6 @@ class Sheet:
 
     Attributes:
         colour: linear RGB albedo.
-        size_mm: of the tile.
         relief: height of the relief, standard deviation, mm.
         grain: size of its bumps along x and y, mm; long along y is brushed or embossed in lines.
         roughness, specular, clearcoat, anisotropic: of ``simrig.mesostructure.bsdfs.solid``.

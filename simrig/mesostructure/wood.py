@@ -41,7 +41,6 @@ class Wood:
 
     Attributes:
         light, dark: linear RGB albedo of early and of late wood.
-        size_mm: of the tile.
         rings: number of growth rings across the tile.
         waviness: sideways wander of the rings, over their distance.
         vessels, rays: see ``Spindles``.
@@ -112,9 +111,7 @@ def spindles(
     """Return marks at random, 1 in the middle of each and 0 outside, (rows, columns).
 
     Args:
-        grid: of the field.
         marks: how many, and how large.
-        rng: random generator.
         likely: (rows, columns) chance to keep a mark at a place, 0 to 1; None keeps all.
     """
     centres = scattered(grid.size_mm, marks.per_mm2**-0.5, rng, marks.evenness)

@@ -83,7 +83,6 @@ class Yarn:
         Args:
             axes: (k, n, 3) mm.
             reference: direction of the thickness, broadcasting to the axes, see ``frames``.
-            rng: random generator.
             period: of axes that repeat with the tile, see ``simrig.mesostructure.tubes``.
             sides: corners of the section of a strand (twice as many for a monofilament).
             colours: (k, 3) linear RGB albedo per yarn instead of ``colour``.

@@ -86,7 +86,6 @@ def leave_one_out_errors(knots: Knots, values: np.ndarray) -> np.ndarray:
     """Return how badly each knot is predicted linearly by its two neighbours.
 
     Args:
-        knots: where the samples lie.
         values: (n, C) values of all samples.
 
     Returns:

@@ -177,7 +177,6 @@ def optimal_placement(samples: int, theta_max_deg: float = LARGEST_THETA_DEG) ->
     """Return the placement that thesis Table 5.1 recommends for a wished number of samples.
 
     Args:
-        samples: wished number of samples.
         theta_max_deg: largest polar angle in degrees.
 
     Raises:

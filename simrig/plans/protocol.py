@@ -59,7 +59,6 @@ class Plan(ABC):
 
     Attributes:
         name: its key in ``simrig.plans.registry.PLANS``, lower case with hyphens.
-        about: one line.
         options: what ``for_material`` takes.
         implied_by: options that choose this plan where none is named.
         adaptive: whether directions depend on what was recorded, which costs the rig time.
@@ -198,8 +197,6 @@ def plan_of(measurement: Measured, kind: type[P], has: str) -> P:
     """Return the plan of a measurement, which has to be of a kind.
 
     Args:
-        measurement: by any plan.
-        kind: of plan.
         has: what a measurement by such a plan has, such as "slices".
 
     Raises:

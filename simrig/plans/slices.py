@@ -60,7 +60,6 @@ def build_slices(placement: SlicePlacement, slice_types: str = "all") -> Slices:
     a diagonal slice is mirror symmetric; only the distinct part is listed.
 
     Args:
-        placement: where the slices lie.
         slice_types: ``"all"`` or ``"axial-diagonal"`` (no horizontal slices).
 
     Raises:

@@ -34,7 +34,6 @@ class TailoredPlan(ListedPlan):
     """Samples spread evenly, and more densely along known highlights.
 
     Attributes:
-        count: of samples.
         axes_deg: azimuths of the half vector where highlights extend, the strongest first.
         widths_deg: of the highlights, full width at half height; one for each axis.
         theta_max: largest polar angle, radians.

@@ -48,7 +48,6 @@ class TemplatePlan(Plan):
     Attributes:
         database: folders, with commas between: tables of one regular grid.
         fingerprint: of their content when the plan was made.
-        samples: how many are taken.
         kind: one of ``KINDS``.
         theta_max: of the database's grid, radians.
 

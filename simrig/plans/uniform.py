@@ -131,7 +131,6 @@ def regular_grid(samples: int, theta_max: float) -> RegularGrid:
     in polar angle and in azimuth are most nearly equally far apart at half of theta_max.
 
     Args:
-        samples: wished number of samples.
         theta_max: largest polar angle, in radians.
 
     Raises:

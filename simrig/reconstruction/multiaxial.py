@@ -45,7 +45,6 @@ def fit_multiaxial(
         axes: of the modes, radians, the strongest first, such as one picture under the reflector
             shows; found in the samples unless given.
         most: modes that are looked for.
-        name: of the result.
 
     Raises:
         SimrigError: too few samples, or values that are not finite.

@@ -13,7 +13,6 @@ class Reconstructed:
     """What a method made of a measurement.
 
     Attributes:
-        brdf: the result.
         bytes: storage of the result.
         notes: what a reader must know: nodes, condition numbers, fall-backs.
     """

@@ -43,9 +43,6 @@ class FilmColours:
 def film_colours(film: Any) -> FilmColours:
     """Return how to make RGB of what a film recorded.
 
-    Args:
-        film: a Mitsuba film that has been rendered to.
-
     Raises:
         SimrigError: a film without colours.
     """

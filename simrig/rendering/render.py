@@ -52,9 +52,7 @@ class RenderResult(Shown):
         compile_seconds: time spent generating and compiling kernels; about 0 when the same
             kernels were compiled before, in this process or (disk cache) an earlier one.
         run_seconds: everything else: tracing the program and running it.
-        spp: samples per pixel.
         integrator: plugin name or class of the integrator.
-        variant: Mitsuba variant.
         film: what the film recorded and was made RGB of; empty for a film of RGB.
         plan: what was simulated and why; None where nothing was planned.
     """

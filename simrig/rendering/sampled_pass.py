@@ -28,7 +28,6 @@ def sampled_pass(
         sensor: one of its sensors.
         integrator: one that finds radiance along rays.
         spp: samples per pixel, a number that the sampler draws without rounding.
-        seed: of the random numbers.
         sampler: plugin name of a sampler.
 
     Raises:

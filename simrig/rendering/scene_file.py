@@ -37,7 +37,6 @@ class SceneFile:
     """A scene file with what it is filled in with.
 
     Attributes:
-        path: of the XML file.
         parameters: values of its ``$names``.
         scale: of the pictures' width and height.
     """

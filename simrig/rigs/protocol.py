@@ -42,7 +42,6 @@ class Rig(ABC):
 
     Attributes:
         name: its key in ``simrig.rigs.registry.RIGS``, and the ``kind`` of its instrument files.
-        about: one line.
         options: what ``from_description`` takes beside the instrument.
         effect_names: the effects that it can simulate.
         default_plan: name of the plan that is measured unless another is given.
@@ -70,7 +69,6 @@ class Rig(ABC):
         """Return what is recorded at directions.
 
         Args:
-            material: under the instrument.
             angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
 
         Raises:
@@ -83,7 +81,6 @@ class Rig(ABC):
         """Return how long the hardware takes for directions of a plan, in seconds.
 
         Args:
-            plan: what they are part of.
             angles: (n, 4) in radians, from the first on: a batch takes what it adds.
         """
 
@@ -137,10 +134,7 @@ class Rig(ABC):
         """Return the rig with those effects that a tolerance calls for.
 
         Args:
-            material: under the instrument.
-            plan: where the rig will look.
             tolerance: by how much all left-out effects together may change the values.
-            overrides: what the user decided.
 
         Raises:
             SimrigError: overrides that name an unknown effect, or a rig without effects.
@@ -176,7 +170,6 @@ class Rig(ABC):
         """Measure one material by a plan.
 
         Args:
-            material: under the instrument.
             plan: where to look; by default the rig's own (``default_plan``).
             tolerance: chooses the effects that are simulated (see ``planned``); without it they are
                 those that the rig was made with.

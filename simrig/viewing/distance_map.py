@@ -144,9 +144,7 @@ def draw_distance_map(
     """Write a PNG: the scene tinted by visibility beside its distances, with a legend.
 
     Args:
-        found: the map.
         picture: linear RGB of the same size.
-        path: of the PNG.
         exposure: of the picture.
 
     Raises:

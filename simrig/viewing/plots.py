@@ -36,7 +36,6 @@ class CostPoint:
 
     Attributes:
         method: name in the legend; points of one method are joined by a line.
-        cost: what it cost.
         error: its error, in the unit of the plot's error axis; lower is better.
     """
 
@@ -166,10 +165,7 @@ def accuracy_versus_cost(
     zero cannot be shown there and is left out.
 
     Args:
-        points: the results, of one or more methods.
         error_label: name and unit of the error, for example ``"MRE [%]"``.
-        axes: the kinds of cost.
-        title: above all panels.
         path: where to write the PNG as well.
 
     Returns:

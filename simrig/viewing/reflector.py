@@ -23,10 +23,8 @@ def draw_sheet(
     """Draw one column for each picture.
 
     Args:
-        found: what was analysed.
         path: a PNG.
         truths: (180,) true profile of each over the azimuth in steps of 1°, at θ_i = 50°, θ_v = 0.
-        names: of the materials.
     """
     columns = [found] if isinstance(found, Analysed) else list(found)
     figure = new_figure(2.6 * len(columns) + 1.0, 8.2)

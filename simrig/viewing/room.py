@@ -132,7 +132,6 @@ def predicted_distances_mm(
     What the texels of a coarse BTF do not show does not count: it cannot be seen in the room.
 
     Args:
-        materials: of the parts.
         progress: called with materials done, in total, and the name of the next.
 
     Raises:
@@ -157,7 +156,6 @@ def planned_distances_mm(scene: Room, tolerance: str) -> dict[str, float]:
     the tolerance is for structure, as between pictures of the same samples.
 
     Args:
-        scene: the room.
         tolerance: such as ``psnr=50``.
     """
     bsdfs = {part: scene.bsdf(part, "btf") for part in ROOM_PARTS}
@@ -213,7 +211,6 @@ def far_share(distances_mm: Mapping[str, float], resolution: int) -> float:
 
     Args:
         distances_mm: of each part.
-        resolution: width of the picture in pixels.
     """
     markers = {
         part: {"type": "simrig_lod", "distance": distance, "near": _BLACK, "far": _WHITE}

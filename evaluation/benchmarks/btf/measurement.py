@@ -43,11 +43,7 @@ def run(
     Args:
         progress: called with steps done and in total.
         preset: a material with structure.
-        resolution: texels along each side.
-        spp: samples per texel.
         views: how many are measured, evenly apart in the scheme, after one that compiles.
-        directions: scheme of both sides.
-        variant: Mitsuba variant.
 
     Returns:
         ``rows``: per way its ``seconds`` and ``cpu_seconds`` per view (medians), those of

@@ -78,12 +78,9 @@ def run(
         rounds: timed renders of each scene after the first one.
         sweeps: how often every scene is loaded.
         texels: width of the measured tile.
-        texel_spp: samples per texel of the measurement.
         large: width of the synthetic tile.
-        directions: scheme of the stacks.
         tile_steps: of the structure (``build_tile``).
         scenes: some of ``SCENES``.
-        variant: Mitsuba variant.
 
     Returns:
         ``rows``, one per scene, integrator and material, with ``samples_per_second``, its ratio to
@@ -123,12 +120,7 @@ def run(
 
 
 def gantry_images(full: FullBtf, plan: GantryPlan) -> BtfStack:
-    """Return the images that a gantry takes of a BTF: points at its texels' centres.
-
-    Args:
-        full: the BTF.
-        plan: where the gantry measures.
-    """
+    """Return the images that a gantry takes of a BTF: points at its texels' centres."""
     height, width = full.mipmap.shapes[0]
     angles = plan.angles()
     x = (np.arange(width) + 0.5) / width * full.size_mm[0]

@@ -48,7 +48,6 @@ class Contest:
     """Scenes that show the same, each with another material.
 
     Attributes:
-        name: of the scene.
         loaders: functions that load each scene, by material.
         integrators: Mitsuba dictionaries by name; ``None`` for the scene's own.
         reference: material that the pictures of the others are compared with.

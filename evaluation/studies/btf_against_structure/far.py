@@ -42,7 +42,6 @@ def far_rows(tile: Tile, settings: Mapping[str, Any], bounces: int) -> list[dict
     """Return a row per pair of directions.
 
     Args:
-        tile: the material.
         settings: ``rings``, ``texels``, ``spp`` and ``repeats`` of the measurement; ``pixels``,
             ``picture_spp`` and ``renders`` of the structure's pictures; ``angles_deg``, measured
             pairs.

@@ -98,8 +98,6 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
     """Measure one material, reconstruct it by every method, and compare.
 
     Args:
-        config: the configuration.
-        cell: the material.
         kept: a folder for the measured BTFs; in memory otherwise.
 
     Returns:
@@ -236,7 +234,6 @@ def _beside_exact(
     """Return how method BD at once differs from one solver after the other, for some texels.
 
     Args:
-        images: the measured ones.
         angles: of all pairs.
         count: of texels, drawn evenly.
         batch_seconds: what a texel took among all.

@@ -39,9 +39,6 @@ def run_on_workers(
     """Yield cells with their rows and seconds in the order in which they finish.
 
     Args:
-        run_cell: of the study.
-        config: its configuration.
-        cells: what to run.
         scheduler: address of a scheduler, None for processes on this machine.
         workers: number of these processes.
 

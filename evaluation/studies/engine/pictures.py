@@ -22,7 +22,6 @@ def picture_row(name: str, image: np.ndarray) -> dict[str, str]:
     """Return a row that holds a picture.
 
     Args:
-        name: what it shows.
         image: (height, width, 3) uint8.
     """
     from matplotlib import image as images
@@ -59,7 +58,6 @@ def draw_sheet(
         path: of the PNG.
         lines: (caption, row) of every picture, line by line, all lines of one length.
         side: of a picture in inches.
-        title: above all.
     """
     columns = len(lines[0])
     figure = new_figure(side * columns, (side + 0.45) * len(lines) + (0.3 if title else 0.0))

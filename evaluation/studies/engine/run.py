@@ -28,8 +28,6 @@ class StudyResults(Shown):
     """What a study found.
 
     Attributes:
-        study: the study.
-        config: its configuration.
         rows: one tidy table: every row with the values of its cell, in the order of the cells.
         summary: what ``Study.summarise`` made of them.
         run: numbers of ``cells``, of cells ``computed`` by this run, and ``cell_seconds``, the
@@ -80,7 +78,6 @@ def run_study(
     from them.
 
     Args:
-        study: what to run.
         config: one of its presets, or the like.
         folder: where the results go; made if need be.
         scheduler: address of a Dask scheduler, for example ``tcp://host:8786``; its workers are
@@ -147,7 +144,6 @@ def collect(place: StudyFolder, computed: int = 0) -> StudyResults:
     """Read all cells of a folder, summarise them, and write the tables and plots.
 
     Args:
-        place: the folder.
         computed: number of cells that were run just now.
 
     Raises:

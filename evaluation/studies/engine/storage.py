@@ -50,9 +50,7 @@ class FinishedCell:
     """What is kept of a cell.
 
     Attributes:
-        cell: its values.
         rows: what ``run_cell`` returned.
-        seconds: how long it ran.
     """
 
     cell: Cell
@@ -65,8 +63,6 @@ class StudyFolder:
     """A folder that belongs to one study and one configuration.
 
     Attributes:
-        path: the folder.
-        study: the study.
         config: the configuration, as plain values.
     """
 
@@ -80,7 +76,6 @@ class StudyFolder:
 
         Args:
             path: of the folder; its parents are made.
-            study, config: whose results go there.
 
         Raises:
             SimrigError: the folder holds anything else.
@@ -131,13 +126,7 @@ class StudyFolder:
         return Checkpoint(self.path / _CELLS, self._about())
 
     def keep(self, cell: Cell, rows: Sequence[Mapping[str, Any]], seconds: float) -> None:
-        """Write the file of a finished cell.
-
-        Args:
-            cell: of the study.
-            rows: that it gave.
-            seconds: that it took.
-        """
+        """Write the file of a finished cell."""
         kept = {"cell": plain(cell), "seconds": seconds, "rows": plain(list(rows))}
         self._kept.put(cell_key(cell), kept)
 

@@ -63,8 +63,6 @@ def gantry_trial(
     """Return errors and cost of one plan and method as a row.
 
     Args:
-        truth: the material.
-        plan: what is measured.
         picture: where errors are taken.
         rig: by default the one of the thesis.
         reconstruction: arguments of ``reconstruct_gantry``.

@@ -104,7 +104,6 @@ def summarise_rows(rows: Sequence[Mapping[str, Any]], materials: Sequence[str]) 
     """Mark what nothing beats.
 
     Args:
-        rows: of all cells.
         materials: names, in order.
 
     Returns:
@@ -191,7 +190,6 @@ def advise(
 
     Args:
         subject: one of those of ``summarise_rows``.
-        metric: how to count the error.
         budget_hours: the device may take no longer: the smallest error within it.
         error: the result must be as good: the fewest hours that reach it.
 

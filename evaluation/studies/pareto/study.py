@@ -86,7 +86,6 @@ def configuration(
     Args:
         materials: names or files.
         methods: keys of ``METHODS``; all that need no database when none is given.
-        samples: wished numbers of samples.
         rigs: names or instrument files, at most one of each kind, for the methods that are measured
             by this kind; the others are measured by those that come with simrig.
         tolerance: of the effects that rigs simulate; none are simulated without it.

@@ -77,9 +77,7 @@ def photograph(
         normal: of the sample's plane, which goes through (0, 0, z_mm).
         z_mm: height of that point over the frame's plane.
         pose: camera_to_world.
-        lens: of the camera.
         noise: standard deviation relative to the frame's brightness, and of the signal's root.
-        rng: of the noise.
     """
     foreshortened = abs(pose[2, 2])
     down = int(np.clip(np.ceil(2.0 / foreshortened), 2, 6))

@@ -103,8 +103,6 @@ def run_cell(config: Config, cell: Cell, kept: Path | None = None) -> list[dict[
     """Measure the materials, render the forms, compare and time them.
 
     Args:
-        config: the configuration.
-        cell: the room.
         kept: a folder for the measured BTFs; in memory otherwise.
 
     Returns:

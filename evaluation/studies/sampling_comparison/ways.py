@@ -47,7 +47,6 @@ class Stage:
 
     Attributes:
         known: the whole database, on UTIA's grid.
-        number: of the material.
         left_out: numbers of all that the methods do not see.
     """
 

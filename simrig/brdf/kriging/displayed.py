@@ -25,9 +25,7 @@ def displayed_pairs(
     """Return pairs of directions as a picture shows them, from a scrambled Sobol sequence.
 
     Args:
-        count: how many.
         theta_i_max, theta_v_max: largest polar angles, radians.
-        seed: of the scrambling.
 
     Returns:
         wi, wv of shape (count, 3).

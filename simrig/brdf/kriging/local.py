@@ -34,7 +34,6 @@ def kriging_weights(
 
     Args:
         samples: (b, k, f) features of the k neighbours of each of b groups of points.
-        points: (b, p, f) features of the points of each group.
         nugget: variance of noise over that of the signal.
 
     Returns:

@@ -52,7 +52,6 @@ def predicted_delta_e(model: KrigingModel, seed: int = 1) -> float:
 
     Args:
         model: of at least two samples.
-        seed: of the directions and the draws.
     """
     count = _PIXELS * _LIGHTS
     reach = model.samples.theta_i_max, model.samples.theta_v_max

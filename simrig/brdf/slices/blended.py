@@ -33,7 +33,6 @@ class BlendedThetas:
     """Tables of one subspace per pair of grid polar angles.
 
     Args:
-        brdf: the slices.
         n_theta: number of grid polar angles from 0 to theta_max.
         n_phi: number of grid azimuths.
         first, second: grid polar angles of every pair, first <= second.
@@ -153,8 +152,6 @@ class BlendedThetas:
         """Return the sum over the four subspaces around pairs, those at the pole left out.
 
         Args:
-            slices: to be blended.
-            pair: of every entry.
             there: returns the row and the sample of an entry, given where light and view are
                 exchanged.
         """

@@ -60,7 +60,6 @@ class AzimuthCell:
         """Return the cell on the circle of a pole where ``where`` is true.
 
         Args:
-            where: mask.
             mean: azimuth of the direction that is not at the pole.
             column, weight: its half step, and where in it.
         """

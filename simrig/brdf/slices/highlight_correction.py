@@ -21,7 +21,6 @@ def spread_over_nodes(layout: SliceLayout, missed: Array, bend: Array) -> Array:
     """Return the correction at all pairs of polar angles of the grid.
 
     Args:
-        layout: where the slices lie.
         missed: flat table of the shape of the horizontal slices, 0 at measured polar angles.
         bend: flat table (N, a_n + 1, 2·a_n + 1) of triples, along the line of equal polar angles.
 

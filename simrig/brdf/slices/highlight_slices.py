@@ -168,7 +168,6 @@ class HighlightSlices(SliceBrdf):
         """Return sums of measured subspaces of equal polar angles, read at all equal nodes.
 
         Args:
-            tables: the slices.
             bend: (N, e_n) weight of every measured polar angle at every node.
             example: a table of the type that is wanted.
 
@@ -254,7 +253,6 @@ class HighlightSlices(SliceBrdf):
             knots: numbers of the measured polar angles.
             theta: the given polar angles.
             azimuths: the given mean azimuth and half azimuth difference.
-            tables: the slices.
         """
         lay, xp = self.layout, namespace(theta[0])
         mean, half_difference = azimuths

@@ -76,7 +76,6 @@ class SliceBrdf(Brdf):
         diagonal: (pairs, a_n + 1, M, 3) diagonal slices over half the azimuth difference.
         horizontal: (e_n, a_n, 2·a_n + 1, N, 3) horizontal slices over theta_v, or None when only
             axial and diagonal slices are used.
-        name: what reports call it.
 
     Raises:
         SimrigError: shapes that do not fit the layout; negative or non-finite values.

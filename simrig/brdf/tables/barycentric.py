@@ -32,7 +32,6 @@ class BarycentricBrdf(Brdf):
         theta, phi: the directions in radians, each (n,): all different, around the normal.
         values: (n, n, 3) f_r in 1/sr, illumination first; float32 or float64, finite, >= 0.
         reciprocal: whether the table equals its transpose; ``None`` looks.
-        name: what reports call it.
 
     Raises:
         SimrigError: directions that give no triangulation, shapes or values that cannot be.

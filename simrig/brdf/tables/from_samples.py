@@ -175,7 +175,6 @@ def tabulated_pairs(
         lights, views: unit vectors, (n, 3) and (m, 3).
         values: (n, m, 3) f_r.
         theta_max: polar angle of the last nodes.
-        name: of the table.
         gamut: of the values (``simrig.core.gamut``).
     """
     n_theta, n_phi = int(np.ceil(theta_max / _STEP - 1e-4)) + 1, round(2.0 * np.pi / _STEP)
@@ -325,7 +324,6 @@ def half_difference_table(
     Args:
         angles: the three in radians, shape (n, 3).
         samples: f_r at them, (n, 3).
-        name: of the table.
         gamut: of negative values, see ``simrig.core.gamut``.
     """
     x = np.array(angles, dtype=np.float64)

@@ -50,7 +50,6 @@ def dense_grid(brdf: SliceBrdf, step_deg: float = 2.0, precision: str = "float32
     surrounding subspaces are blended once per pair of polar angles.
 
     Args:
-        brdf: the slices.
         step_deg: step of all four angles in degrees.
         precision: ``"float32"`` or ``"float64"``.
 

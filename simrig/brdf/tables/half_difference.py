@@ -205,7 +205,6 @@ def node_angles(
 
     Args:
         shape: (n_theta_h, n_phi_h, n_theta_d, n_phi_d).
-        symmetry, stretch, stretch_d: of the table.
     """
     azimuths = []
     for count, period, folded in zip(

@@ -73,7 +73,6 @@ class RbfBrdf(Brdf):
         low, high: range of the samples per channel, in 1/sr, each (3,).
         floor: if given, per channel, the splines interpolate log(f_r + floor).
         theta_max: largest polar angle of the samples, in radians; beyond it the value is held.
-        name: what reports call it.
     """
 
     kind = "rbf"

@@ -32,7 +32,6 @@ class ResamplingError:
         weighted_relative: sum of |f - f'| cos(theta_i) cos(theta_v) over the sum of
             f cos(theta_i) cos(theta_v): what a picture shows.
         root_mean_square: root of the mean of (f - f')², in 1/sr.
-        pairs: number of direction pairs.
     """
 
     mean_relative: float
@@ -112,12 +111,10 @@ def resample_dense(
     Of a reciprocal one, each pair of polar angles is evaluated in one order.
 
     Args:
-        brdf: what to tabulate.
         theta_step: step of the polar angles, in radians.
         n_phi: azimuths over the full circle, of illumination and of view.
         theta_max: last polar angle, in radians; by default that of the BRDF. Nodes at the
             horizon are evaluated at 89.9°.
-        dtype: type of the table.
         float_type: what to evaluate in (see ``evaluate``); by default NumPy float64.
         progress: called with the pairs of polar angles done and in total.
     """
@@ -150,7 +147,6 @@ def resample_isotropic(
     the horizon take the value of the nearest bin above it.
 
     Args:
-        brdf: what to tabulate.
         shape: bins of theta_h, theta_d and phi_d.
         rotations: rotations averaged for an anisotropic BRDF.
     """

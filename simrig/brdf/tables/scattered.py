@@ -37,7 +37,6 @@ class ScatteredSamples:
         theta_i, phi_i, theta_v, phi_v: angles in radians, shape (n,).
         values: linear RGB in 1/sr, shape (n, 3); channels of colours outside the gamut may be
             negative.
-        name: what reports call it.
         isotropic: whether only the difference of the azimuths was recorded.
         gamut: what tables of them do with negative channels (``simrig.core.gamut``).
     """
@@ -262,10 +261,8 @@ def cross_validate(samples: ScatteredSamples, folds: int = 5, seed: int = 0) -> 
     """Return the error of the interpolation at samples that it was not given.
 
     Args:
-        samples: isotropic samples.
         folds: parts, each predicted from the others; 0 leaves out whole incidences instead
             (all samples within half a degree of one theta_i), the first and last excepted.
-        seed: of the partition at random.
     """
     if folds:
         part = np.random.default_rng(seed).permutation(len(samples)) % folds

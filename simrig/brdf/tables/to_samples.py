@@ -22,7 +22,6 @@ def sampled(
     """Evaluate a BRDF on a grid of directions; of an isotropic one at one azimuth of the light.
 
     Args:
-        brdf: what to sample.
         theta_step_deg, phi_step_deg: steps; by default 5° and 5° of isotropic materials (14,000
             samples), 10° and 15° of others (44,000).
 

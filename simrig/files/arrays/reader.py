@@ -44,7 +44,6 @@ def load_arrays(
     """Read a table of reflectance from a ``.npz``, ``.npy`` or ``.mat`` file.
 
     Args:
-        path: the file.
         clamp_negative: set negative values to 0 instead of refusing them.
         axes: what the axes of the array are, see ``axes.parse``; needed unless the file says it.
         variable: name of the array, where several could be it.

@@ -45,7 +45,6 @@ class BtfLayout:
         angles: theta_i, theta_v, phi_i, phi_v in radians, (pairs, 4).
         resolution: height and width in texels.
         size_mm: width and height of the tile.
-        name: what reports call it.
         provenance: how it came about, as JSON.
         dtype: of the stored values.
     """
@@ -184,7 +183,6 @@ def write_btf(path: str | Path, stack: BtfStack, dtype: type | None = None) -> P
 
     Args:
         path: the file; it takes this name only when it is complete.
-        stack: what to write.
         dtype: of the stored values; by default that of the stack.
 
     Returns:

@@ -124,8 +124,6 @@ def write_btf_images(
     """Write a stack as OpenEXR pictures in the naming of Bonn, exact angles in their headers.
 
     Args:
-        folder: where to.
-        stack: what to write.
         replace: write into a folder that is not empty, over pictures of the same names.
         progress: called with pictures done and in total.
 

@@ -94,7 +94,6 @@ class BtfRecording:
         """Make the HDF5 file, in the order of the pairs.
 
         Args:
-            path: of the file.
             attributes: texts that it also has.
 
         Raises:
@@ -150,7 +149,6 @@ class BtfWriter(BtfRecording):
         angles: theta_i, theta_v, phi_i, phi_v in radians, shape (pairs, 4).
         resolution: height and width in texels.
         size_mm: width and height of the tile.
-        name: what reports call it.
         provenance: how it came about; batches with another one are refused.
         dtype: ``np.float16`` or ``np.float32``.
 

@@ -56,7 +56,6 @@ def read(path: Path, layer: str | None = None) -> Decoded:
     """Read one layer of an OpenEXR file.
 
     Args:
-        path: the file.
         layer: its name, where a file has several.
 
     Raises:

@@ -29,7 +29,6 @@ class Profile:
     """A profile that can be applied.
 
     Attributes:
-        name: its description.
         decode: encoded values in [0, 1], (height, width, channels), to linear ones.
         matrix: linear device RGB to linear sRGB; None for grey.
     """
@@ -43,7 +42,6 @@ def read_profile(content: bytes, what: str, grey: bool = False) -> Profile:
     """Read a profile.
 
     Args:
-        content: its bytes.
         what: the picture, for messages.
         grey: the picture has one channel.
 

@@ -22,10 +22,8 @@ class PictureFormat:
     """A format of pictures that is read.
 
     Attributes:
-        name: what people call it.
         suffixes: usual endings.
         magic: what files of it start with.
-        read: its reader.
         honours: what of a file's words about its values is used.
     """
 

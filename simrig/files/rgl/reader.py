@@ -22,7 +22,6 @@ def read_rgl(
     Spectra are converted to linear sRGB (see ``simrig.files.spectra``).
 
     Args:
-        path: the file.
         wavelengths: first and last of evenly spaced ones in nm, of a file that has spectra and
             does not say theirs.
         gamut: of colours outside sRGB, see ``RglBrdf``.

@@ -19,7 +19,6 @@ def load_window(
     """Read the reflection of a Klems matrix or a tensor tree.
 
     Args:
-        path: the file.
         clamp_negative: set negative values to 0 instead of refusing them (trees always do).
         gamut: of colours outside sRGB, of a matrix (``simrig.core.gamut``).
         side: ``"front"`` or ``"back"`` as WINDOW names them, where the file has two that differ.

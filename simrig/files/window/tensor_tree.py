@@ -84,7 +84,6 @@ def write_tree(path: str | Path, brdf: Brdf, level: int | None = None) -> None:
     """Write a BRDF as a tensor tree (reflection of the front; Y, u' and v').
 
     Args:
-        path: the file.
         brdf: an isotropic one becomes a tree of rank 3.
         level: 2^level cells along each dimension; by default 64 of rank 3, 16 of rank 4.
 
@@ -113,7 +112,6 @@ class ShirleyChiuGrid(Brdf):
 
     Args:
         values: ((n,) · rank, 3), linear RGB in 1/sr.
-        name: what reports call it.
     """
 
     in_kernels = False

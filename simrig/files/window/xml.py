@@ -95,8 +95,6 @@ def choose_side(
     """Return the side that is the material, and what to say about it.
 
     Args:
-        path: the file, for messages.
-        blocks: of its reflection.
         side: what was asked for; None where the file must tell.
         empty: whether a block is zero everywhere.
 
@@ -145,7 +143,6 @@ def document(name: str, structure: str, definition: str, data: str) -> str:
     """Return a whole file.
 
     Args:
-        name: of the material.
         structure: ``IncidentDataStructure``.
         definition: further XML of the data definition.
         data: the ``WavelengthData`` elements.

@@ -20,9 +20,7 @@ def slice_table(grid: SliceGrid, logs: np.ndarray, name: str) -> HalfDifferenceT
     directions take their mean; nodes below the horizon continue those above.
 
     Args:
-        grid: of the rows.
         logs: (p, rotations, 3) ln(f_r w + ε).
-        name: of the material.
     """
     values = np.log(grid.unmapped(logs.astype(np.float64)) + EPSILON)
     n_h, n_d, n_q = grid.shape

@@ -37,7 +37,6 @@ def displaced_texels(
         measured: subspaces of the known polar angles at even azimuths,
             (e, e, EVEN, EVEN, texels, 3), illumination before view.
         known: (e,) polar angles in radians, increasing.
-        wanted: the pairs.
         transport: of ``TEXEL_TRANSPORTS``.
 
     Returns:

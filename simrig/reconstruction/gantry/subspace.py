@@ -45,7 +45,6 @@ def subspaces(
     """Return f_r at all azimuths for every pair of measured polar angles.
 
     Args:
-        plan: the polar angles and slices.
         values: (n, channels) measured at ``plan.angles()``: three, or those of many texels.
         azimuths: of illumination and view: so many over the full circle, from 0, or a list of
             them in radians.

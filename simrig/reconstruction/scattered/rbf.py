@@ -36,7 +36,6 @@ class RbfResult(Reconstructed):
     """A reconstruction, and how its splines were fitted.
 
     Attributes:
-        brdf: the result.
         fits: of the one or two global splines; none for local ones, which have a system for
             every set of neighbours.
     """

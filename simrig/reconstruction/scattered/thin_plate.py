@@ -28,7 +28,6 @@ class FittedSpline:
     """A spline and how well its system was determined.
 
     Attributes:
-        spline: the result.
         condition: estimated condition number (1-norm) of the system as it was solved.
         unsmoothed_condition: that of the system without smoothing; infinite where it is
             singular in float64.

@@ -26,7 +26,6 @@ class SliceInterpolator:
     """Piecewise interpolants along all slices of a plan.
 
     Args:
-        knots: where the samples lie.
         values: (n, C) values of all samples.
         interpolation: ``"cubic"`` (not-a-knot at open ends, periodic elsewhere), ``"pchip"``
             (never overshoots) or ``"linear"``.

@@ -80,7 +80,6 @@ def reconstruct_subspace(
 
     Args:
         samples: what ``sample_adaptively`` measured for ``placement``.
-        placement: the subspace and its slices.
         interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         azimuth_samples: samples over 360° along each slice.
 

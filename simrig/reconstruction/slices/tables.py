@@ -28,7 +28,6 @@ def slice_layout(
     is none, every interval between measured polar angles has its own step.
 
     Args:
-        placement: where the slices lie.
         azimuth_samples: of the tables along a whole turn.
         largest_node_step_deg: see above.
         one_pole: one value at theta_i = theta_v = 0, whatever the azimuths are.
@@ -112,13 +111,11 @@ def reconstruct_slices(
 
     Args:
         samples: what was measured along the slices of ``placement``.
-        placement: where the slices lie.
         slice_types: the types that were measured, ``"all"`` or ``"axial-diagonal"``.
         interpolation: along the slices: ``"cubic"``, ``"pchip"`` or ``"linear"``.
         azimuth_samples: samples over 360° along axial and diagonal slices.
         largest_node_step_deg: largest step of the polar angle grid, in degrees.
         one_pole: see ``reconstruct``.
-        name: name of the result.
 
     Splines can dip below zero beside a highlight; pre-interpolated values are kept at or above 0.
     """
@@ -156,7 +153,6 @@ def fill_rows(
     """Return slices at regular positions, float32 of the given shape, kept at or above 0.
 
     Args:
-        interpolate: the slices.
         rows: which slice fills each row, and the shift of its position in radians.
         position: (M,) positions in radians.
         shape: shape of the result.

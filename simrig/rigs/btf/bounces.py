@@ -83,12 +83,9 @@ def plan_bounces(
     the last is taken as a geometric series. A flat tile has one order only.
 
     Args:
-        tile: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v of the measurement, radians.
         tolerance: by how much all left-out orders together may change the images.
-        overrides: what the user decided.
         resolution, spp: of the measurement, for the cost.
-        seed: of the samples.
 
     Raises:
         SimrigError: overrides that name an unknown order, or leave one out below another.

@@ -50,11 +50,9 @@ class TileCamera:
     """A tile in its scene, seen by an orthographic camera under directional lights.
 
     Args:
-        tile: the material.
         lights: (n, 3) unit vectors towards all lights that will be asked for.
         theta_max_deg: largest polar angle of any view or light.
         resolution: (height, width) in texels.
-        spp: samples per texel.
         seed: of the positions of the samples and of the paths.
         views: how many views will be asked for; with many a grid of shadows pays.
         grid: use a grid of shadows where it pays; otherwise trace every shadow ray.

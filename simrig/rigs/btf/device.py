@@ -41,10 +41,8 @@ class BtfRig(Rig):
     A measurement holds the mean of each image and the images themselves (``pictures``).
 
     Attributes:
-        timing: how long the hardware takes.
         instrument_name: what the instrument is called.
         resolution: texels along x, or (height, width).
-        spp: samples per texel.
         seed: of the tile and of the samples.
         single: store float32 in place of float16.
         bounces: how often light is reflected at most.

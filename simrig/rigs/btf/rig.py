@@ -102,11 +102,9 @@ def measure_btf(
     """Measure the BTF of a tile.
 
     Args:
-        tile: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians, polar angles up to 89°; all pairs
             of 81 directions when not given.
         resolution: (height, width) in texels, or the width of a tile with square texels.
-        spp: samples per texel.
         bounces: how often light is reflected at most, or ``"auto"``: as the tolerance needs.
         tolerance: for ``"auto"``; ΔE 0.5 when not given.
         seed: of the samples. The same arguments give the same bits.
@@ -176,7 +174,6 @@ def record_btf(
     """Record the images of a tile, view by view; those that a checkpoint keeps are taken from it.
 
     Args:
-        tile: the material.
         layout: of ``btf_layout``, pairs in the order of ``by_view``.
         checkpoint: folder that keeps every view; None keeps the images in memory.
         progress: called with views done and in total.

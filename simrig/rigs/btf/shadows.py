@@ -48,7 +48,6 @@ class ShadowGrid:
         """Return whether points (inside the tile) are surely lit, and whether a ray must tell.
 
         Args:
-            tile: the material that the grid was made of.
             p: points on it in mm, a Dr.Jit vector.
             light: number of the light for each of them.
         """
@@ -78,7 +77,6 @@ def shadowed_lights(tile: Tile, lights: np.ndarray) -> np.ndarray:
     light, so a light that every triangle faces casts none. Elsewhere all count.
 
     Args:
-        tile: the material.
         lights: (n, 3) unit vectors towards the lights.
     """
     if not is_height_field(tile):
@@ -114,7 +112,6 @@ def shadow_grid(
     """Return the grid of a height field, or None where it would not pay.
 
     Args:
-        tile: the material.
         scene: its Mitsuba scene with enough periods for all lights.
         lights: (n, 3) unit vectors towards the lights.
         shadowed: (n,) those that cast shadows; the others need no rays.

@@ -34,8 +34,6 @@ class RigSubject:
     """What the bounds are about: a material, an instrument, and where it is looked at.
 
     Attributes:
-        brdf: the material.
-        instrument: optics and sensor.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
         samples: that will be measured, for the cost.
         values: (n, 3) f_r at the angles.
@@ -69,7 +67,6 @@ class RigEffect:
 
     Attributes:
         name: as on the command line.
-        description: one line.
         deviation: bounds every value's change.
         evaluations: of f_r per sample that simulating it takes, alone.
     """
@@ -235,11 +232,8 @@ def plan_directions(
     """Decide which effects a measurement at given directions simulates.
 
     Args:
-        brdf: the material.
-        instrument: optics and sensor.
         tolerance: by how much all left-out effects together may change the values.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians; of many, 1024 spread over all.
-        overrides: what the user decided.
         samples: that will be measured; by default as many as there are angles.
 
     Raises:

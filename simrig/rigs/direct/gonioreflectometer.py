@@ -43,7 +43,6 @@ class Gonioreflectometer(Rig):
     directions; with effects it is what optics, mechanics and sensor make of f_r around it.
 
     Attributes:
-        timing: how long the hardware takes.
         instrument: optics, axes and sensor; of these only the effects read more than the reach.
         effects: names of the effects that are simulated (``simrig.rigs.direct.effects``); none by
             default.
@@ -77,7 +76,6 @@ class Gonioreflectometer(Rig):
         """Return the rig of an instrument file, without effects.
 
         Args:
-            description: the file.
             seed: of noise and errors of the axes.
             level: ``"direct"``; the registry gives the other one to ``ImagingRig``.
 

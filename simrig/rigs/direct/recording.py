@@ -43,7 +43,6 @@ def quadrature(instrument: Instrument, effects: Collection[str], pairs: int = NO
     """Return the nodes over the areas that the effects let count.
 
     Args:
-        instrument: sizes of light, lens and spot.
         effects: ``"light-size"``, ``"aperture-size"``, ``"spot-size"`` and ``"fall-off"`` count.
         pairs: of opposite nodes; an additive recurrence fills all six dimensions evenly.
     """
@@ -76,9 +75,7 @@ def record(
     """Return what is recorded where the rig was asked to look.
 
     Args:
-        brdf: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v that were asked for, in radians.
-        instrument: optics and sensor.
         effects: names of those that are simulated (see ``simrig.rigs.direct.effects``).
         pairs: of nodes of the quadrature.
 
@@ -134,7 +131,6 @@ def averaged(
     """Return f_r averaged over light, lens and spot, (n, 3).
 
     Args:
-        brdf: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
         instrument: whose light, lens and spot have an area.
         effects: names of those that count; the others are points.
@@ -224,9 +220,7 @@ def mirror_gain(brdf: Brdf, angles: np.ndarray, instrument: Instrument) -> np.nd
     Light that the sample sends to the mirror comes back spread over the mirror's solid angle.
 
     Args:
-        brdf: the material.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
-        instrument: its mirror.
     """
     share = instrument.mirror_reflectance * instrument.mirror_coverage
     if share == 0.0:
@@ -270,7 +264,6 @@ def exposure(values: np.ndarray, angles: np.ndarray, instrument: Instrument) -> 
     Args:
         values: (n, 3) f_r in 1/sr that reaches the sensor.
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
-        instrument: its sensor.
     """
     cos_theta = np.cos(np.minimum(angles[:, 0], _HORIZON))
     radiance = np.max(values, axis=1) * cos_theta
@@ -303,7 +296,6 @@ def recorded_uncertainty(
     Args:
         values: (n, 3) recorded.
         angles: (n, 4) that were asked for, in radians.
-        instrument: its sensor.
         effects: that are simulated.
     """
     if "noise" not in effects:
@@ -323,7 +315,6 @@ def exposed(
     Args:
         values: (n, 3) f_r in 1/sr that reaches the sensor.
         angles: (n, 4) that were asked for, in radians; chance belongs to them.
-        instrument: its sensor.
         effects: of these ``noise`` and ``quantisation`` count.
     """
     shot = exposure(values, angles, instrument)

@@ -31,7 +31,6 @@ class Gantry(Rig):
     """Two arms around the normal, one with lights and one with cameras at fixed polar angles.
 
     Attributes:
-        timing: how long the hardware takes.
         instrument_name: what the instrument is called.
     """
 

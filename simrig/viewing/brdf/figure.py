@@ -46,7 +46,6 @@ def brdf_figure(
     """Draw the BRDF picture with labelled axes and, if wished, slices and samples over it.
 
     Args:
-        brdf: what to show.
         elevations_deg: those of the tiles; by default those of the placement, else 0…75 by 15.
         azimuth_step_deg: size of a pixel.
         exposure: factor to f_r before it is shown; chosen by ``brdf_exposure`` and stated

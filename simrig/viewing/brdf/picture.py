@@ -29,7 +29,6 @@ def brdf_picture(
     """Return the azimuthal subspaces of all pairs of polar angles as one picture (Figure 1.3 left).
 
     Args:
-        brdf: what to show.
         thetas_deg: increasing, in [0, 90) degrees; one row and one column of tiles each.
         azimuth_step_deg: size of a pixel; must divide 360.
 

@@ -33,9 +33,6 @@ class StimulusMaterial:
 
     Both are looked up in the same way among the same directions, so from afar they are the same.
 
-    Attributes:
-        stack: its images.
-
     Raises:
         SimrigError: pairs of directions without an image, or with two.
     """
@@ -98,7 +95,6 @@ def stimulus_stack(
             measured now; ``bumps``; or ``chessboard-2`` for squares of 2 mm.
         texels: along x, for what is made here.
         directions: the scheme of both directions, likewise.
-        spp: samples per texel of a measurement.
         tile_steps: of the structure that is measured (``build_tile``).
         bounces: how often light is reflected at most in a measurement (``measure_btf``).
         variant: Mitsuba variant that measures.

@@ -35,7 +35,6 @@ class CylinderStimulus:
     """One stimulus: a material on the receding cylinders, its BRDF above and its BTF below.
 
     Attributes:
-        material: what is shown.
         experiment: ``"A"`` or ``"B"``; C shows the cylinders of B.
         resolution: width of the picture in pixels; by default the published one.
         spp: samples per pixel; each looks up 1/√spp of a pixel's width.
@@ -133,7 +132,6 @@ def write_frames(
     they are complete, so an interrupted call goes on with the first that is missing.
 
     Args:
-        stimulus: what rotates.
         folder: exists.
         count: number of frames.
         speed_deg: degrees per second.

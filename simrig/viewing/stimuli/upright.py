@@ -64,9 +64,7 @@ def upright_texture(
     """Measure what a tile shows on upright cylinders.
 
     Args:
-        tile: the material.
         rotation_deg: of the tile on the surface, counter-clockwise.
-        spp: samples per texel.
         progress: called with views done and in total.
 
     Raises:
@@ -106,7 +104,6 @@ def cylinder_picture(
     """Return the receding cylinders: the mean of the tile above, the tile below.
 
     Args:
-        texture: of the material.
         experiment: ``"A"`` or ``"B"``.
         resolution: width in pixels; by default the published one.
         turn_deg: of the cylinders about their axes, to the right.
@@ -221,7 +218,6 @@ def _mean_columns(
     """Return the mean over each column's span around the cylinder; (rows of the tile, columns, 3).
 
     Args:
-        texture: of the material.
         around: edges of the columns in mm.
         view, bearing: of their middles, in degrees.
     """

@@ -40,10 +40,7 @@ def measured_upright(tile: Tile, texels: int = TEXELS, spp: int = 16, seed: int 
     """Return the BTF of a material among the directions that an upright cylinder asks for.
 
     Args:
-        tile: the material.
         texels: along x.
-        spp: samples per texel.
-        seed: of the samples.
     """
     return measure_btf(tile, btf_angles(UPRIGHT), texels, spp, seed=seed)
 
@@ -53,7 +50,6 @@ def cylinder_stimulus(stack: BtfStack, spp: int = SAMPLES, rotation_deg: float =
 
     Args:
         stack: images of the material under all lights and views.
-        spp: samples per pixel.
         rotation_deg: of the material on the cylinder.
 
     Raises:

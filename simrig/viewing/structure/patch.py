@@ -67,8 +67,6 @@ def btf_scene(tile: Tile, btf: SpatialBrdf, sight: Sight, pixel_mm: float | None
     """Return a loaded scene of the BTF of a tile.
 
     Args:
-        tile: what was measured.
-        btf: its BTF.
         sight: from where it is lit and seen.
         pixel_mm: width of a pixel in parallel projection (``period_sensor``), 0 for points; of
             the perspective ``sensor`` if it is left out.
@@ -115,7 +113,6 @@ def period_sensor(
     image of the BTF.
 
     Args:
-        tile: what is seen.
         sight: only its directions count.
         size: width and height of the picture in pixels.
         pixel_centres: one sample in the middle of each pixel (1 sample per pixel is taken).
@@ -151,8 +148,6 @@ def picture(scene: Any, camera: Any, depth: int, spp: int, seed: int = 0) -> np.
     Args:
         scene, camera: loaded.
         depth: longest path in edges; 2 is direct light only.
-        spp: samples per pixel.
-        seed: of the samples.
     """
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
     found = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=mi.UInt32(seed))

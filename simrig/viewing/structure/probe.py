@@ -51,11 +51,9 @@ class Stimulus:
     """A piece of a material as displayed.
 
     Attributes:
-        name: of the material.
         textured: displayed grey in [0, 1], shape (height, width).
         plain: what its BRDF shows, in grey: one value of a flat piece, else of the same shape.
         pixel_mm: side of a pixel on the material.
-        cost: of making it.
     """
 
     name: str
@@ -74,7 +72,6 @@ class StructureProbe(Shown):
         structure_mm: S that the distances are computed with.
         found_mm: S by each method of ``simrig.perception.structure_size``.
         distances_m: feature to critical viewing distance by the published constants.
-        cost: of the stimulus and of the features.
     """
 
     features: dict[str, float]
@@ -256,11 +253,9 @@ def displayed(
     """Return a stimulus from linear pictures.
 
     Args:
-        name: of the material.
         textured: with structure, linear RGB, shape (height, width, 3).
         plain: without, of the same shape, or one colour (3,).
         pixel_mm: side of a pixel on the material.
-        cost: of making them.
     """
     with_structure, without = (
         encode_srgb(np.maximum(np.asarray(colours, dtype=np.float64) @ LUMINANCE, 0.0))
