@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import numpy as np
 from simrig.core import backend
 from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.evaluation.metrics.images import foreground_mask
 from simrig.evaluation.metrics.replicates import Replicates, converged, distances
 from simrig.planning import plan_budget, plan_scene, planned_subject, verified_render
@@ -91,7 +92,7 @@ def audit(
     scale: float = 1.0,
     reference_seconds: float = 0.0,
     parameters: dict[str, str] | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Progress | None = None,
     record: Path | None = None,
 ) -> list[Audited]:
     """Plan and render every scene of a folder.
@@ -103,7 +104,6 @@ def audit(
         scale: of the pictures' width and height.
         reference_seconds: for a reference of each; none by default.
         parameters: values of ``$names``, for the files that have them.
-        progress: called with scenes done, in total, and what is at work.
         record: a file of JSON lines, the questions and a row for each scene, which are not asked
             again.
 

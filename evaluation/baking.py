@@ -203,7 +203,6 @@ def bake(brdf: Brdf, tolerance: Tolerance, progress: Progress | None = None) -> 
     Args:
         brdf: what can be rendered.
         tolerance: mean ΔE of pictures of a sphere under directional lights, ``dE``.
-        progress: called with forms done and in total.
 
     Raises:
         SimrigError: another metric than ``dE``; a BTF; what is baked already; a variant of another

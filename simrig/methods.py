@@ -19,6 +19,7 @@ from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError, check_known
 from simrig.core.gamut import KEEP
 from simrig.core.options import Option, checked_options
+from simrig.core.progress import Progress
 from simrig.plans.auto.plan import LEAST_SAMPLES
 from simrig.plans.large_sample import LargeSamplePlan
 from simrig.plans.minimal import DATABASE, MinimalPlan
@@ -41,7 +42,7 @@ from simrig.reconstruction.visible_normals import reconstruct_visible_normals
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.gantry.rig import Gantry
 from simrig.rigs.measurements.measurement import Measurement
-from simrig.rigs.protocol import Progress, Rig
+from simrig.rigs.protocol import Rig
 from simrig.rigs.registry import make_rig
 
 
@@ -162,7 +163,6 @@ class Method:
             samples: that are wished; the plan takes the most that it can below.
             rigs: in the place of those that come with simrig, for the methods made for them.
             tolerance: chooses the effects that the rig simulates, if it can; none unless given.
-            progress: called with the number of samples done and in total.
 
         Raises:
             SimrigError: too few samples, or what the rig refuses.

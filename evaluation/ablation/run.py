@@ -13,13 +13,14 @@ meant for it, and the planned render as it is, its noise included, against the t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from simrig.core.effects import Decision, EffectPlan, Tolerance
+from simrig.core.progress import Progress
 from simrig.evaluation.ablation.pictures import Pictures
 from simrig.evaluation.metrics.images import foreground_mask, psnr_from_mse
 from simrig.evaluation.metrics.replicates import Change, difference, distances
@@ -132,7 +133,7 @@ def ablate(
     variant: str = "auto",
     exposure: float | None = None,
     seed: int = 0,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> Ablation:
     """Measure what each effect changes.
 
@@ -141,7 +142,6 @@ def ablate(
         tolerance: for which the scene is planned.
         budget_seconds: for the picture with everything; the others take about as long or less.
         variant, exposure: see ``plan_scene``.
-        progress: called with pictures done, in total, and what is being rendered.
 
     Raises:
         SimrigError: what ``plan_scene`` refuses, or a black picture.

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from simrig.core.progress import Progress
 from simrig.core.tables import text_table
 from simrig.database import design, linear
 from simrig.database.known import known
@@ -32,7 +33,7 @@ _AIMS: dict[str, tuple[float, float | None]] = {
 }
 
 
-def run(progress: Callable[..., None]) -> dict[str, Any]:
+def run(progress: Progress) -> dict[str, Any]:
     """Measure, and scale what depends on the number of materials to 150.
 
     The database is that of SIMRIG_DATABASE, or the built-in materials. Both clocks are given: on a

@@ -49,7 +49,6 @@ def run(progress: Progress | None = None, variant: str = "llvm_ad_rgb") -> dict[
     """Count.
 
     Args:
-        progress: called with materials done and in total.
         variant: Mitsuba variant of the LLVM backend.
 
     Returns:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtr
 from scipy.stats import poisson
 
-from simrig.core.progress import tracked
+from simrig.core.progress import Progress, tracked
 from simrig.core.tables import Column, record_table
 from simrig.imaging.merging import SensorModel, merge
 
@@ -28,7 +28,7 @@ _REACH = 9.0  # standard deviations over which probabilities are summed
 _NORMAL = 1000.0  # electrons from which on Poisson's distribution is taken for normal
 
 
-def run(progress: Callable[..., None] | None = None, pixels: int = 20000) -> dict[str, Any]:
+def run(progress: Progress | None = None, pixels: int = 20000) -> dict[str, Any]:
     """Run the benchmark.
 
     Returns:

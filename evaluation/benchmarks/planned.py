@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core import backend
-from simrig.core.progress import tracked
+from simrig.core.progress import Progress, tracked
 from simrig.core.tables import Column, record_table
 from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
 from simrig.files.load import load_material
@@ -38,7 +38,7 @@ ALLOWED = 1.1  # planned over hand-written
 
 
 def run(
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
     resolution: int = 512,
     rounds: int = 25,
     variant: str = "auto",
@@ -46,7 +46,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        progress: called with cells done, in total, and what is rendered.
         resolution: width of the pictures in pixels.
         rounds: timed turns of each after the first one, at least 2.
 

@@ -22,6 +22,7 @@ from simrig.brdf import Brdf, Ward, kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.arrays import table_bytes
+from simrig.core.progress import Progress
 from simrig.core.tables import MIB, Column, known, record_table, scaled
 from simrig.evaluation.benchmarks.timing import (
     MEDIAN,
@@ -48,7 +49,7 @@ SAME_MATERIAL = ("simrig_kurt", "simrig_table", "simrig_slices", "measured")
 
 
 def run(
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
     resolution: int = 800,
     spp: int = 16,
     rounds: int = 5,
@@ -57,7 +58,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        progress: called with steps done and in total.
         resolution: width and height of the pictures in pixels.
         rounds: timed renders of each material after the first one.
 
@@ -131,7 +131,7 @@ def _cell(
     resolution: int,
     spp: int,
     rounds: int,
-    progress: Callable[..., None] | None,
+    progress: Progress | None,
 ) -> list[dict[str, Any]]:
     import mitsuba as mi
 

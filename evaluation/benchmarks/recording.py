@@ -24,7 +24,7 @@ import numpy as np
 from simrig.brdf import kurt_material
 from simrig.core import backend
 from simrig.core.cost import stopwatch
-from simrig.core.progress import tracked
+from simrig.core.progress import Progress, tracked
 from simrig.core.tables import text_table
 from simrig.directions.schemes import hemisphere_81
 from simrig.evaluation.studies.engine.distributed import run_on_workers
@@ -52,7 +52,7 @@ EFFECTS = (
 
 
 def run(
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
     views: int = 2,
     alone: int = 5,
     whole: int = 81,
@@ -60,7 +60,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        progress: called with steps done and in total.
         views: of what is timed alone, 81 lights each.
         alone: pictures by Mitsuba alone.
         whole: views of the chain.

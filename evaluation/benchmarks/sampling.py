@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf import kurt_material
+from simrig.core.progress import Progress
 from simrig.core.tables import text_table
 from simrig.evaluation.benchmarks.timing import MEDIAN, side_by_side
 from simrig.plans.adaptive import AdaptiveSamples
@@ -26,7 +27,7 @@ THESIS_SECONDS = 8.0
 
 
 def run(
-    progress: Callable[..., None] | None = None, samples: int = SAMPLES, rounds: int = 7
+    progress: Progress | None = None, samples: int = SAMPLES, rounds: int = 7
 ) -> dict[str, Any]:
     """Run the benchmark.
 

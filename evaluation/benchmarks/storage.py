@@ -7,14 +7,13 @@ same in float32.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from simrig.brdf import kurt_material
 from simrig.brdf.tables.grid import to_dense
 from simrig.core import backend
 from simrig.core.arrays import table_bytes
-from simrig.core.progress import tracked
+from simrig.core.progress import Progress, tracked
 from simrig.core.tables import MIB, Column, record_table, scaled
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.plans.along_slices import SlicePlan
@@ -27,7 +26,7 @@ MATERIAL = "fabric112"
 LAYOUTS = {8911: (14.0, 36.0, 3.3), 18721: (10.0, 36.0, 5.1)}
 
 
-def run(progress: Callable[..., None] | None = None) -> dict[str, Any]:
+def run(progress: Progress | None = None) -> dict[str, Any]:
     """Run the benchmark.
 
     Returns:

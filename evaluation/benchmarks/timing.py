@@ -62,7 +62,6 @@ def side_by_side(
     Args:
         jobs: functions without arguments, by name; Dr.Jit results must be evaluated inside.
         rounds: calls of each after the first one.
-        progress: called with jobs done and in total.
     """
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     kernels: dict[str, list[float]] = {name: [] for name in jobs}
@@ -97,7 +96,6 @@ def one_alive(
         makers: functions that load a scene and return the job, by name.
         rounds: calls in a sweep after the first one.
         sweeps: how often every scene is loaded.
-        progress: called with scenes done and in total.
     """
     found: dict[str, list[Timing]] = {name: [] for name in makers}
     for name in tracked(sweeps * list(makers), progress, str):
@@ -143,7 +141,6 @@ def stage_of(progress: Progress | None, number: int, count: int, label: str) -> 
     """Return what reports the progress of one of several stages.
 
     Args:
-        progress: called with stages done and in total.
         number: of the stage, from 0.
     """
     if progress is None:

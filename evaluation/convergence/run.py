@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ import numpy as np
 from simrig.core.cost import stopwatch
 from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.progress import Progress
 from simrig.evaluation.convergence.ledger import Ledger
 from simrig.evaluation.convergence.results import Convergence, Point, Reference, fit_rate
 from simrig.evaluation.metrics.images import foreground_mask, psnr_from_mse
@@ -58,7 +59,7 @@ def converge(
     budget_seconds: float = 60.0,
     exposure: float = 1.0,
     seed: int = 0,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
     ledger: Ledger | None = None,
 ) -> Convergence:
     """Render a scene in many settings and say which is the cheapest that is good enough.
@@ -76,7 +77,6 @@ def converge(
         levels: samples per pixel, powers of 4 in rising order.
         budget_seconds: time for all of it; a setting that would not fit is left out.
         exposure: factor from radiance to the displayed linear value.
-        progress: called with settings done, in total, and what is being rendered.
         ledger: notes what is finished; what it holds already is not rendered again, and the time
             that took counts.
 

@@ -15,6 +15,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf
 from simrig.brdf.tables.barycentric import BarycentricBrdf
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.database.resampling import resampled, shift_to, turned
 from simrig.database.store import INDEX, Database, read_index, write_index
 from simrig.directions.schemes import hemisphere_81
@@ -27,7 +28,6 @@ from simrig.mesostructure.collection import WHOLE, collection
 
 RAW, UTIA = "raw", "utia"  # folders of what was measured, and of the tables in UTIA's layout
 TEXELS, SPP = 32, 4  # of an image that is averaged
-Progress = Callable[..., None]
 
 
 def build_database(
@@ -48,7 +48,6 @@ def build_database(
         count: materials, up to 150.
         seed: of the materials and of the samples.
         scheduler, workers: see ``run_study``.
-        progress: called with the materials done and in total.
 
     Raises:
         SimrigError: numbers that cannot be, a folder of something else or of other settings.

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.files.checkpoint import Checkpoint
 
 PARTS = ".parts"
 MEASURING = ".checkpoint"  # ending of the folders of unfinished measurements
-
-Progress = Callable[..., None]  # (steps done, steps in total, what is being done)
 
 
 class Parts:

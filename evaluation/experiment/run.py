@@ -9,7 +9,8 @@ from typing import Any
 import simrig
 from simrig.brdf.protocol import Brdf
 from simrig.core import backend
-from simrig.evaluation.experiment.checkpoint import Parts, Progress, Steps
+from simrig.core.progress import Progress
+from simrig.evaluation.experiment.checkpoint import Parts, Steps
 from simrig.evaluation.experiment.config import Experiment, SceneSettings, demo_experiment
 from simrig.evaluation.experiment.plans import check_plans
 from simrig.evaluation.experiment.reconstructions import MeasurementRunner, Subject, make_plans
@@ -50,7 +51,6 @@ def run_experiment(
 
     Args:
         folder: is made when it does not exist.
-        progress: called with (steps done, steps in total, what is being done).
 
     Returns:
         What ``results.json`` holds (``docs/experiments.md`` documents the keys).

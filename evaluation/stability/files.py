@@ -30,6 +30,7 @@ import numpy as np
 
 from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 
 _MEMORY = 6 << 30  # bytes of address space
 _HANG_SECONDS = 20
@@ -76,7 +77,7 @@ def stability_of_files(
     seed: int = 0,
     files: Sequence[Path] = (),
     folder: Path | None = None,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> FilesReport:
     """Read mutated files for some time.
 
@@ -84,7 +85,6 @@ def stability_of_files(
         seed: of the mutations; the same seed gives the same files in the same order.
         files: whole files to mutate besides those that are made here.
         folder: where files with defects are kept; a temporary folder unless given.
-        progress: called with seconds done and in total.
     """
     kept = Path(folder or tempfile.mkdtemp(prefix="simrig-files-"))
     kept.mkdir(parents=True, exist_ok=True)

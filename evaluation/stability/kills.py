@@ -18,13 +18,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 from typing import Any
 
+from simrig.core.progress import Progress
 from simrig.evaluation.stability.killed_jobs import JOBS, Job, bits
 
 _PATIENCE = 20.0  # times the time of an uninterrupted run until a start counts as stuck
@@ -80,13 +81,12 @@ def stability_of_kills(
     kills: int,
     seed: int = 0,
     jobs: Sequence[Job] = JOBS,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> list[KillReport]:
     """Kill every job so often, and say what became of it.
 
     Args:
         seed: of the moments; those in time still depend on how busy the machine is.
-        progress: called with kills done and in total.
     """
     reports = []
     for number, job in enumerate(jobs):

@@ -10,11 +10,12 @@ is that of the arithmetic alone. What the rounding of the input itself costs is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 from simrig.brdf import Brdf
 from simrig.core import backend
 from simrig.core.errors import unknown_name
+from simrig.core.progress import Progress
 from simrig.evaluation.stability.fuzz import fuzz_cases
 from simrig.evaluation.stability.hard_cases import HardCase, hard_cases
 from simrig.evaluation.stability.judgement import PRECISIONS, direction_rows
@@ -28,8 +29,6 @@ from simrig.evaluation.stability.subjects import (
     default_parameterisations,
 )
 
-Progress = Callable[[int, int], None]  # objects done, objects in total
-
 
 def stability_suite(
     backend_name: str = "auto", progress: Progress | None = None, seed: int = 0
@@ -38,7 +37,6 @@ def stability_suite(
 
     Args:
         backend_name: ``"auto"`` (CUDA where a usable GPU is, else LLVM), ``"llvm"`` or ``"cuda"``.
-        progress: called with the number of objects done and in total.
 
     Raises:
         SimrigError: unknown backend, or one that this machine cannot run.

@@ -13,6 +13,7 @@ import numpy as np
 
 from simrig.btf.stack import LARGEST_HALF, BtfStack
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 
 _AT_ONCE = 1 << 26  # bytes of the float64 values of some texels at all pairs
 
@@ -22,7 +23,7 @@ def sliced_stack(
     numbers: np.ndarray,
     method: Callable[[np.ndarray], np.ndarray],
     angles: np.ndarray,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> BtfStack:
     """Return the stack of all pairs that a few measured images make, in memory.
 
@@ -31,7 +32,6 @@ def sliced_stack(
         method: takes values (s, texels, 3) as float64, returns (pairs, texels, 3); what falls
             below zero is black.
         angles: theta_i, theta_v, phi_i, phi_v of the pairs in radians, shape (pairs, 4).
-        progress: called with texels done and in total.
 
     Returns:
         A stack of the type of the measured one; of float32 where float16 does not hold what the

@@ -8,13 +8,13 @@ channel by the evidence of the samples. Left-out samples calibrate the error tha
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.database.grid import EPSILON
 from simrig.database.process import OPPONENT, RotationProcess, matern, places
 from simrig.directions.half_difference import to_half_difference
@@ -114,7 +114,7 @@ class Posterior:
             tuple(factors),
         )  # fmt: skip
 
-    def logs(self, progress: Callable[[int, int], None] | None = None) -> np.ndarray:
+    def logs(self, progress: Progress | None = None) -> np.ndarray:
         """Return ln(f_r w + ε) at all nodes of the grid, (p, rotations, 3) float32."""
         basis = self.process.basis
         turns = basis.grid.rotations

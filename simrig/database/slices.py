@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.database.grid import SliceGrid
 from simrig.database.store import Database
 from simrig.files.atomic import atomic_write
@@ -26,7 +27,6 @@ _RANK, _LOST = 48, 1e-5  # of a material: at most, and the share of its variance
 _CACHE = ".slices-{}.npz"
 _SEED = 7
 _log = logging.getLogger(__name__)
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)

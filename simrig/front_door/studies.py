@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.progress import Progress
 from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.base import Study
 from simrig.evaluation.studies.engine.run import StudyResults, run_study
@@ -15,8 +16,6 @@ from simrig.evaluation.studies.engine.storage import cell_key
 from simrig.evaluation.studies.pareto import study as pareto_study
 from simrig.files.load import save_material
 from simrig.rigs.fingerprint import fingerprint
-
-Progress = Callable[..., None]  # cells done, cells in total, what runs now
 
 
 def pareto(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +17,7 @@ from simrig.core import backend
 from simrig.core.cost import Cost
 from simrig.core.effects import EffectPlan
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.core.shown import Exhibit, Shown
 from simrig.files.images import to_srgb8
 from simrig.plugins.make import building
@@ -140,7 +141,7 @@ def render(
     spp: int | None = None,
     seed: int = 0,
     integrator: Any = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     samples_per_pass: int = SAMPLES_PER_PASS,
     sensor: int = 0,
     sampler: str = "",
@@ -158,7 +159,6 @@ def render(
             only smooth edges and highlights within a pixel (16; 1 with ``pixel_centres``).
         seed: >= 0; the same seed gives the same picture.
         integrator: plugin name, dictionary or object; by default that of the scene.
-        progress: called with (samples per pixel done, spp) after every pass.
         samples_per_pass: largest number of samples (pixels × spp) at work at once.
         sensor: which of the scene's sensors sees it.
         sampler: plugin name of the sampler, in place of the sensor's; spp is to be a number that

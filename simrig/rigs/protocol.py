@@ -17,6 +17,7 @@ from simrig.core.effects import EffectPlan, Overrides, Tolerance
 from simrig.core.errors import SimrigError
 from simrig.core.gamut import KEEP
 from simrig.core.options import Option
+from simrig.core.progress import Progress
 from simrig.mesostructure import PRESETS
 from simrig.plans.protocol import Plan, Recorded
 from simrig.plans.registry import make_plan
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from simrig.instruments.description import Description
 
 REACH_TOLERANCE = 1e-6  # radians; files often hold angles as float32
-Progress = Callable[[int, int], None]  # samples done, samples in total
 
 
 class Removable(Protocol):
@@ -179,7 +179,6 @@ class Rig(ABC):
                 there that were not stored by ``keep``.
             keep: called with the measurement before the checkpoint is removed, to store it: a kill
                 then finds the one or the other.
-            progress: called with the number of samples done and in total.
 
         Raises:
             SimrigError: a plan that the rig cannot measure, values that cannot be, a checkpoint of

@@ -86,7 +86,6 @@ def room_materials(
     Args:
         names: of parts and what ``stimulus_stack`` takes; parts that are not named have the
             presets of ``ROOM_PARTS``.
-        progress: called with materials done, in total, and the name of the next.
         options: of ``stimulus_stack``.
 
     Raises:
@@ -130,9 +129,6 @@ def predicted_distances_mm(
 
     The size of the structure is that of the preset, of other materials it is found in the images.
     What the texels of a coarse BTF do not show does not count: it cannot be seen in the room.
-
-    Args:
-        progress: called with materials done, in total, and the name of the next.
 
     Raises:
         SimrigError: a material has no images under lights at 60° on the right and left.

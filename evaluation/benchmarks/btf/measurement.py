@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ import numpy as np
 from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.core.effects import DEFAULT_TOLERANCE, parse_tolerance
-from simrig.core.progress import tracked
+from simrig.core.progress import Progress, tracked
 from simrig.core.tables import Column, record_table
 from simrig.directions.schemes import scheme
 from simrig.mesostructure import build_tile
@@ -30,7 +29,7 @@ _NOISE_SPP = (1, 4, 16)
 
 
 def run(
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
     preset: str = "leather_tan",
     resolution: int = 128,
     spp: int = 16,
@@ -41,7 +40,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        progress: called with steps done and in total.
         preset: a material with structure.
         views: how many are measured, evenly apart in the scheme, after one that compiles.
 

@@ -26,6 +26,7 @@ from simrig.btf.spatial import SpatialBrdf
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps
 from simrig.core import backend
+from simrig.core.progress import Progress
 from simrig.core.tables import MIB, Column, known, record_table, scaled
 from simrig.directions.schemes import scheme
 from simrig.directions.spherical import to_vector
@@ -56,7 +57,7 @@ _TRUTH = 16  # times as many samples has the picture of the structure that other
 
 
 def run(
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
     resolution: int = 256,
     spp: int = 16,
     rounds: int = 3,
@@ -72,7 +73,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        progress: called with steps done and in total.
         resolution: width of the pictures in pixels; twice as many for the room.
         spp: samples per pixel; a quarter of them for the room.
         rounds: timed renders of each scene after the first one.
@@ -168,7 +168,7 @@ def _cell(
     integrator: str,
     rounds: int,
     sweeps: int,
-    progress: Callable[..., None] | None,
+    progress: Progress | None,
 ) -> list[dict[str, Any]]:
     pictures: dict[str, Any] = {}
     described = contest.integrators[integrator]

@@ -8,7 +8,6 @@ and 22 min for radial basis functions, on one core of its own machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -17,6 +16,7 @@ from scipy.interpolate import RBFInterpolator
 from simrig.brdf import kurt_material
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import stopwatch
+from simrig.core.progress import Progress
 from simrig.core.tables import text_table
 from simrig.evaluation.benchmarks.timing import side_by_side
 from simrig.evaluation.benchmarks.whole_array.jobs import (
@@ -46,7 +46,7 @@ _ESTIMATE = 20_000  # direction pairs of the error's estimate
 
 
 def run(
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
     samples: int = SAMPLES,
     rounds: int = 3,
     part: int = 200_000,
@@ -54,7 +54,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        progress: called with jobs done and in total.
         samples: of the slices; the densest uniform scheme with no more is the others'.
         rounds: timed calls of each.
         part: direction pairs of what is timed on a part; fewer for splines.
@@ -104,9 +103,7 @@ def run(
     }
 
 
-def _timed(
-    jobs: list[Job], rounds: int, progress: Callable[..., None] | None
-) -> list[dict[str, Any]]:
+def _timed(jobs: list[Job], rounds: int, progress: Progress | None) -> list[dict[str, Any]]:
     timings = side_by_side({f"{j.method} {j.by}": j.run for j in jobs}, rounds, progress)
     rows = []
     for job in jobs:

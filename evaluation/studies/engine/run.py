@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.core.shown import Exhibit, Shown
 from simrig.evaluation.studies.engine.base import Cell, Config, Study
 from simrig.evaluation.studies.engine.storage import StudyFolder, plain, write_table
@@ -19,7 +20,6 @@ from simrig.files.images import read_image, to_srgb8
 
 PLOTS = "plots"
 _KEPT = "kept"
-Progress = Callable[..., None]  # cells done, cells in total, what runs now
 Finished = tuple[Cell, list[dict[str, Any]], float]  # cell, rows, seconds
 
 
@@ -83,7 +83,6 @@ def run_study(
         scheduler: address of a Dask scheduler, for example ``tcp://host:8786``; its workers are
             used, whatever ``workers`` is.
         workers: 1 runs the cells in this process; more start as many processes.
-        progress: called with the number of cells done and in total.
 
     Raises:
         SimrigError: a folder of another configuration, no Dask, a scheduler that cannot be

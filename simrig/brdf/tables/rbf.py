@@ -24,13 +24,14 @@ from simrig.brdf.tables.scattered import limit_theta
 from simrig.brdf.tables.thin_plate import ThinPlateSpline
 from simrig.core.arrays import Array, float_type, is_numpy, read_only, vector_type
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.directions.onion import to_onion
 from simrig.directions.spherical import to_angles
 
 BAND = float(np.radians(2.0))  # the halves are blended where |theta_v - theta_i| is below
 _HALVES = ("steep_light", "steep_view")
 
-Progress = Callable[[int], None]
+Told = Callable[[int], None]  # points done
 
 
 class Spline(Protocol):
@@ -40,7 +41,7 @@ class Spline(Protocol):
         """Return what it is made of, by the names of its constructor."""
 
     def __call__(
-        self, points: np.ndarray, float_type: type | None = None, told: Progress | None = None
+        self, points: np.ndarray, float_type: type | None = None, told: Told | None = None
     ) -> np.ndarray:
         """Return (p, 3) at points (p, 4); ``told`` hears how many are done."""
 
@@ -149,7 +150,7 @@ class RbfBrdf(Brdf):
         wi: np.ndarray,
         wv: np.ndarray,
         float_type: type | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress | None = None,
     ) -> np.ndarray:
         """Return f_r for directions of the upper hemisphere, in blocks.
 
@@ -157,7 +158,6 @@ class RbfBrdf(Brdf):
             wi, wv: unit vectors, (n, 3).
             float_type: any type of the Dr.Jit backend in which a global spline is summed; None
                 for NumPy, which is several times slower and gives the same.
-            progress: called with the number of evaluations done and in total.
 
         Returns:
             (n, 3) linear RGB in 1/sr; 0 for directions that are not finite. Splines of other
@@ -171,7 +171,7 @@ class RbfBrdf(Brdf):
         wi: np.ndarray,
         wv: np.ndarray,
         float_type: type | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress | None = None,
     ) -> np.ndarray:
         known = np.isfinite(wi).all(axis=1) & np.isfinite(wv).all(axis=1)
         wi, wv = (np.where(known[:, None], w, (0.0, 0.0, 1.0)) for w in (wi, wv))
@@ -228,5 +228,5 @@ def _limited(splines: _Splines, found: np.ndarray) -> np.ndarray:
     return np.clip(values, splines.low, splines.high)
 
 
-def _tell(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+def _tell(progress: Progress, before: int, total: int, done: int) -> None:
     progress(before + done, total)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from simrig.brdf.protocol import Brdf, evaluate
 from simrig.brdf.tables.dense import DenseTable
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable, bin_directions, fill_invalid
-from simrig.core.progress import tracked
+from simrig.core.progress import Progress, tracked
 from simrig.directions.spherical import to_vector
 
 # A table's nodes at the horizon are evaluated just above it, where f_r has its limit
@@ -104,7 +103,7 @@ def resample_dense(
     theta_max: float | None = None,
     dtype: type = np.float32,
     float_type: type | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> DenseTable:
     """Tabulate any BRDF on a regular grid of polar angles and azimuths.
 
@@ -116,7 +115,6 @@ def resample_dense(
         theta_max: last polar angle, in radians; by default that of the BRDF. Nodes at the
             horizon are evaluated at 89.9°.
         float_type: what to evaluate in (see ``evaluate``); by default NumPy float64.
-        progress: called with the pairs of polar angles done and in total.
     """
     theta_max = brdf.theta_max if theta_max is None else theta_max
     n_theta = max(int(np.ceil(theta_max / theta_step - 1e-6)), 1) + 1

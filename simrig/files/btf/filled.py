@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +9,14 @@ import numpy as np
 from simrig.btf.grid import PairGrid
 from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
-from simrig.core.progress import tracked
+from simrig.core.progress import Progress, tracked
 from simrig.directions.spherical import to_angles
 from simrig.files.btf.recording import BtfWriter
 
 FILLED = "filled"  # in the provenance: how many images are no measurements
 
 
-def write_filled(
-    path: str | Path, stack: BtfStack, progress: Callable[[int, int], None] | None = None
-) -> list[str]:
+def write_filled(path: str | Path, stack: BtfStack, progress: Progress | None = None) -> list[str]:
     """Write a stack with an image for every illumination and view that it has.
 
     Images that are there come first and as they are. A missing one is the blend of those of the
@@ -28,7 +25,6 @@ def write_filled(
     Args:
         path: the file (``BtfWriter``); an interrupted one continues.
         stack: what lacks images. Its type is kept.
-        progress: called with missing images made and in total.
 
     Returns:
         The pairs that were filled, in degrees.

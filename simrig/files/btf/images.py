@@ -14,7 +14,6 @@ angles in the headers. Row 0 is the top of the picture (+y) in all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import numpy as np
 from simrig.btf.stack import BtfStack, checked_size
 from simrig.core.colour import FROM_XYZ
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.progress import Progress
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.btf.recording import BtfWriter
 from simrig.files.btf.source import ANGLES, BtfPictures, find_pictures
@@ -71,7 +71,7 @@ def import_btf(
     values: PixelValues | None = None,
     *,
     dtype: type = np.float16,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> BtfStack:
     """Read pictures into one HDF5 file, batch by batch; an interrupted one continues.
 
@@ -85,7 +85,6 @@ def import_btf(
             DPI).
         values: what the pictures hold.
         dtype: of the stored values.
-        progress: called with pictures done and in total.
 
     Raises:
         SimrigError: as ``find_btf_images``; damaged pictures or ones of another size, named.
@@ -119,13 +118,12 @@ def write_btf_images(
     stack: BtfStack,
     *,
     replace: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Path]:
     """Write a stack as OpenEXR pictures in the naming of Bonn, exact angles in their headers.
 
     Args:
         replace: write into a folder that is not empty, over pictures of the same names.
-        progress: called with pictures done and in total.
 
     Raises:
         SimrigError: the folder's parent does not exist, or the folder is a file or not empty.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.database.grid import EPSILON
 from simrig.database.known import Known, known
 from simrig.database.linear import SOLVERS, over_rotations, solved
@@ -34,7 +34,7 @@ def reconstruct_from_basis(
     *,
     database: str | None = None,
     solver: str = PROCESS,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Reconstructed:
     """Return the BRDF that samples and a database make.
 
@@ -43,7 +43,6 @@ def reconstruct_from_basis(
             each rotation.
         database: folders, with commas between; that of the plan unless given.
         solver: ``"process"``, or one of ``SOLVERS``.
-        progress: called with the rotations done and in total.
 
     Raises:
         SimrigError: no database, or samples that the solver cannot use.

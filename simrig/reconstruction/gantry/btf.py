@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +11,7 @@ from simrig.btf.sliced import sliced_stack
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import grid_angles
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.directions.schemes import hemisphere_81
 from simrig.directions.spherical import to_vector
 from simrig.plans.gantry import GantryPlan
@@ -28,7 +28,7 @@ def reconstruct_btf(
     plan: GantryPlan | None = None,
     angles: np.ndarray | None = None,
     transport: str = "circle",
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> BtfStack:
     """Return the stack of all pairs that the slices of a gantry give, texel by texel.
 
@@ -39,7 +39,6 @@ def reconstruct_btf(
         angles: theta_i, theta_v, phi_i, phi_v of the wanted pairs in radians, (pairs, 4); all of
             81 × 81 directions by default.
         transport: for method BD, see ``simrig.reconstruction.gantry.displacement``.
-        progress: called with texels done and in total.
 
     Raises:
         SimrigError: images that are missing, named, and what ``texel_method`` refuses.

@@ -10,7 +10,7 @@ Source: thesis section 4.3.1 (bins, medians), appendix A.3 (the table); the guid
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from simrig.brdf.tables.grid import azimuths_of
 from simrig.brdf.tables.half_difference import HalfDifferenceTable
 from simrig.core import backend
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.directions import to_vector
 from simrig.directions.half_difference import to_half_difference
 from simrig.plans.protocol import MeasuredPairs
@@ -45,7 +46,7 @@ Shape = tuple[int, int, int, int]
 def reconstruct_dense_bins(
     measurement: MeasuredPairs,
     step_deg: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Reconstructed:
     """Return the table of a measurement with many directions.
 
@@ -53,7 +54,6 @@ def reconstruct_dense_bins(
         measurement: samples in any directions; those beyond the last bin are left out.
         step_deg: of all four angles; 2° makes 44 × 44 × 180 × 180 bins. Unless given the smallest
             of 2° to 30° at which there are no more than 25 bins for each sample.
-        progress: called with steps done and in total.
 
     Returns:
         A ``DenseTable`` in float32, and notes: how many bins hold samples, and whether both orders

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from simrig.brdf.tables.grid import azimuths_of
 from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
+from simrig.core.progress import Progress
 from simrig.plans.protocol import MeasuredPairs
 from simrig.reconstruction.result import Reconstructed
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
@@ -20,14 +19,13 @@ def rbf_or_table(
     *,
     logarithms: bool = False,
     step_deg: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Reconstructed:
     """Return radial basis functions, or with a step a ``DenseTable`` of them.
 
     Args:
         measurement, neighbours, logarithms: see ``reconstruct_rbf``.
         step_deg: of all four angles of the table.
-        progress: called with the pairs of polar angles done and in total.
 
     Raises:
         SimrigError: what ``reconstruct_rbf`` refuses, or a step that does not divide 360°.

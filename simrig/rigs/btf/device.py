@@ -14,6 +14,7 @@ from simrig.core.cost import Cost, stopwatch
 from simrig.core.effects import EffectPlan, Overrides, Tolerance
 from simrig.core.errors import SimrigError
 from simrig.core.options import Option
+from simrig.core.progress import Progress
 from simrig.files.checkpoint import kept_bytes
 from simrig.instruments.description import BtfDescription, shipped
 from simrig.mesostructure import Tile, build_tile
@@ -21,7 +22,7 @@ from simrig.plans.listed import Directions, SchemePlan
 from simrig.plans.protocol import ListedPlan, Plan, Recorded
 from simrig.rigs.btf.orders import ORDERS
 from simrig.rigs.measurements.measurement import Measurement
-from simrig.rigs.protocol import Progress, Rig
+from simrig.rigs.protocol import Rig
 from simrig.rigs.timing import GonioreflectometerTiming
 
 if TYPE_CHECKING:

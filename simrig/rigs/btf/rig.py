@@ -9,7 +9,7 @@ measures a / π. What stands above the plane moves with the view (parallax), as 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from simrig.btf.stack import BtfStack, check_angles
 from simrig.core import backend
 from simrig.core.effects import DEFAULT_TOLERANCE, Tolerance, parse_tolerance
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.directions.schemes import HemisphereScheme, hemisphere_81
 from simrig.directions.spherical import to_vector
 from simrig.files.btf.hdf5 import BtfLayout, read_btf
@@ -97,7 +98,7 @@ def measure_btf(
     path: str | Path | None = None,
     dtype: type = np.float16,
     variant: str = "auto",
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> BtfStack:
     """Measure the BTF of a tile.
 
@@ -112,7 +113,6 @@ def measure_btf(
             and the same call goes on from it. Without a path the images stay in memory.
         dtype: of the stored values, ``np.float16`` or ``np.float32``.
         variant: Mitsuba variant, RGB.
-        progress: called with views done and in total.
 
     Returns:
         The stack, in the order of ``by_view(angles)``. Its provenance says how it came about, and
@@ -169,14 +169,13 @@ def record_btf(
     tile: Tile,
     layout: BtfLayout,
     checkpoint: Path | None = None,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> BtfRecording:
     """Record the images of a tile, view by view; those that a checkpoint keeps are taken from it.
 
     Args:
         layout: of ``btf_layout``, pairs in the order of ``by_view``.
         checkpoint: folder that keeps every view; None keeps the images in memory.
-        progress: called with views done and in total.
     """
     angles, how = layout.angles, layout.said
     unique, lights = np.unique(angles[:, [0, 2]], axis=0, return_inverse=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +15,7 @@ from simrig.btf.grid import PairGrid
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps, chessboard
 from simrig.core.errors import SimrigError, unknown_name
+from simrig.core.progress import Progress
 from simrig.directions.schemes import HemisphereScheme, scheme
 from simrig.files.btf.hdf5 import read_btf
 from simrig.mesostructure import PRESETS, build_tile
@@ -86,7 +86,7 @@ def stimulus_stack(
     bounces: int | str = AUTO,
     variant: str = "auto",
     folder: Path | None = None,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> BtfStack:
     """Return the images of a material by its name, or of a file.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.core.errors import SimrigError
+from simrig.core.progress import Progress
 from simrig.files.images import write_exr, write_png
 from simrig.rendering.render import RenderResult, load, render
 from simrig.scenes.cylinder_layout import columns, covered, cylinder_row
@@ -75,7 +76,7 @@ class CylinderStimulus:
             halves = {half: patched(bsdf, self.patch_mm) for half, bsdf in halves.items()}
         return receding_cylinders(halves, self.experiment, self.resolution, turn_deg=turn_deg)
 
-    def picture(self, seed: int = 0, progress: Callable[..., None] | None = None) -> RenderResult:
+    def picture(self, seed: int = 0, progress: Progress | None = None) -> RenderResult:
         """Render the stimulus; see ``simrig.rendering.render.render``."""
         return render(self.scene(), self.spp, seed, progress=progress)
 
@@ -124,7 +125,7 @@ def write_frames(
     count: int,
     speed_deg: float = SPEED_DEG,
     suffix: str = ".png",
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> int:
     """Write frames that a folder lacks as ``frame_0000.png`` and so on.
 
@@ -136,7 +137,6 @@ def write_frames(
         count: number of frames.
         speed_deg: degrees per second.
         suffix: ``".png"`` or ``".exr"``.
-        progress: called with frames done and in total.
 
     Returns:
         How many were rendered now.

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +19,7 @@ import cv2
 import numpy as np
 
 from simrig.btf.synthetic import chessboard
+from simrig.core.progress import Progress
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.btf.rig import measure_btf, view_order
 from simrig.scenes.cylinder_layout import CylinderRow, columns, cylinder_row, positions_mm
@@ -59,13 +59,12 @@ def upright_texture(
     tile: Tile,
     rotation_deg: float = 0.0,
     spp: int = 16,
-    progress: Callable[..., None] | None = None,
+    progress: Progress | None = None,
 ) -> UprightTexture:
     """Measure what a tile shows on upright cylinders.
 
     Args:
         rotation_deg: of the tile on the surface, counter-clockwise.
-        progress: called with views done and in total.
 
     Raises:
         SimrigError: what ``measure_btf`` refuses.
