@@ -15,12 +15,15 @@ import pytest
 
 from browsers import chromium, page_of
 from command_line import done, refusal
+from simrig.btf.synthetic import chessboard
 from simrig.core import backend
 from simrig.front_door.materials import as_brdf
-from simrig.plugins import make_bsdf
+from simrig.front_door.viewing import shown_of
+from simrig.plugins import make_bsdf, make_btf
 from simrig.rendering.render import render
 from simrig.scenes import build_scene
-from simrig.web.viewer.shading import FORMS, in_plane, lit, views_deg
+from simrig.scenes.stimuli import CYLINDER_HEIGHT, CYLINDER_RADIUS
+from simrig.web.viewer.shading import FORMS, form, in_plane, lit, views_deg
 from web_folders import Process
 
 
@@ -56,6 +59,25 @@ def test_a_cylinder_is_what_the_renderer_shows() -> None:
     theirs = render(scene, 1).image
     ours = lit(brdf, "cylinder", 96, 45.0, 0.0)
     factor = theirs.sum() / ours.sum()  # its lamp is set for another nearest point
+    assert np.abs(factor * ours - theirs).max() <= 1e-3 * theirs.max()
+
+
+@pytest.mark.parametrize("zoom", [1.0, 0.25])
+def test_a_btf_is_what_the_renderer_shows_at_any_distance(zoom: float) -> None:
+    backend.select()
+    (shown,) = shown_of((chessboard(5.0),))
+    pixel_mm = form("cylinder", 96, zoom).pixel_mm
+    scale = {"scale": 2.0 * np.pi * CYLINDER_RADIUS, "scale_v": CYLINDER_HEIGHT}
+    material = make_btf(shown.brdf, **scale, pixel_width=pixel_mm)
+    resolution = round(96 * zoom)
+    scene = build_scene(
+        "cylinder", material, light="right", resolution=resolution, pixel_centres=True
+    )
+    theirs = render(scene, 1).image
+    ours = lit(shown.brdf, "cylinder", 96, 45.0, 0.0, 0.0, zoom)
+    rows, columns = ((n - round(n * zoom)) // 2 for n in ours.shape[:2])
+    ours = ours[rows : rows + 2 * resolution, columns : columns + resolution]
+    factor = theirs.sum() / ours.sum()
     assert np.abs(factor * ours - theirs).max() <= 1e-3 * theirs.max()
 
 
@@ -120,6 +142,7 @@ def test_nothing_is_shown_without_the_token(server: Process, method: str, path: 
         {"exposure": -1},
         {"path": "/etc/passwd"},
         {"theta_i": 90},
+        {"zoom": 0},
     ],
 )
 def test_states_that_cannot_be_are_refused(server: Process, change: dict[str, Any]) -> None:

@@ -13,7 +13,9 @@ from simrig.cli.outputs import output_file
 
 
 def view(
-    materials: Annotated[list[str], typer.Argument(help="BRDFs: names or files, up to eight.")],
+    materials: Annotated[
+        list[str], typer.Argument(help="BRDFs and BTFs: names or files, up to eight.")
+    ],
     measurement: Annotated[
         Path | None, typer.Option(help="Whose sample positions the pictures of subspaces show.")
     ] = None,
@@ -26,6 +28,9 @@ def view(
     ] = "sphere",
     light: Annotated[str, typer.Option(help="Of the page: polar angle and azimuth.")] = "40,60",
     rotation: Annotated[float, typer.Option(help="Of the page: degrees about the normal.")] = 0.0,
+    zoom: Annotated[
+        float, typer.Option(help="Of the page: magnification; below 1 from further away.")
+    ] = 1.0,
     exposure: Annotated[
         float | None, typer.Option(help="Of the page: factor; the brightest becomes white else.")
     ] = None,
@@ -50,7 +55,7 @@ def view(
 
         frame.refuse_unused(
             "only a page takes it",
-            *("form", "light", "rotation", "exposure", "slice_", "overwrite"),
+            *("form", "light", "rotation", "zoom", "exposure", "slice_", "overwrite"),
         )
         viewer = Viewer(shown, port)
         lines = [viewer.address, f"shows {names}; only this machine can reach it; Ctrl-C ends"]
@@ -67,6 +72,7 @@ def view(
         "theta": theta,
         "phi": phi,
         "rotation": rotation,
+        "zoom": zoom,
         "theta_i": theta_i,
         "phi_i": phi_i,
         "phi_v": phi_v,

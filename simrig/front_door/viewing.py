@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simrig.brdf.protocol import Brdf
+from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
-from simrig.front_door.materials import as_brdf
+from simrig.front_door.materials import as_brdf, load
 from simrig.rigs.measurements.measurement import Measurement
 from simrig.web.viewer.page import Shown
 
@@ -20,7 +21,7 @@ def view(*materials: Any, measurement: Measurement | None = None, port: int = 0)
     """Show materials side by side in the browser.
 
     Args:
-        materials: BRDFs, their names or their files.
+        materials: BRDFs and BTFs, their names or their files.
         measurement: whose sample positions are drawn on the pictures of the subspaces.
         port: 0 takes a free one.
 
@@ -48,7 +49,18 @@ def shown_of(materials: Any, measurement: Measurement | None = None) -> list[Sho
         raise SimrigError(f"give one to eight materials, got {len(materials)}")
     found = []
     for material in materials:
-        brdf: Brdf = as_brdf(material)
+        brdf = _brdf_of(material)
         name = material if isinstance(material, str | Path) else brdf.name
         found.append(Shown(brdf.name, brdf, str(name), measurement))
     return found
+
+
+def _brdf_of(material: Any) -> Brdf:
+    """Return a BRDF, or a BTF as what is looked up over footprints and has a BRDF in the mean."""
+    is_file = isinstance(material, str | Path) and Path(material).is_file()
+    item = load(material) if is_file else material
+    if isinstance(item, BtfStack):
+        from simrig.btf.full import FullBtf
+
+        return FullBtf.from_stack(item)
+    return as_brdf(item)

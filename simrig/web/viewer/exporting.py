@@ -34,8 +34,7 @@ def write_page(
         fault = error.errors(include_url=False)[0]
         raise SimrigError(f"{fault['loc'][0]}: {fault['msg']}") from None
     if exposure is None:
-        light = (state.form, state.resolution, state.theta, state.phi, state.rotation)
-        exposure = 1.0 / (max(float(lit(s.brdf, *light).max()) for s in shown) or 1.0)
+        exposure = 1.0 / (max(float(lit(s.brdf, *state.view()).max()) for s in shown) or 1.0)
     text = static_page(shown, state.model_dump() | {"exposure": exposure})
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -53,6 +53,7 @@ def command(shown: list[Shown], state: dict[str, Any]) -> str:
         "form": state["form"],
         "light": f"{state['theta']:g},{state['phi']:g}",
         "rotation": f"{state['rotation']:g}",
+        "zoom": f"{state['zoom']:g}",
         "exposure": f"{state['exposure']:g}",
         "slice": f"{state['theta_i']:g},{state['phi_i']:g},{state['phi_v']:g}",
     }
@@ -68,7 +69,7 @@ def static_page(shown: list[Shown], state: dict[str, Any]) -> str:
         shown: the materials.
         state: ``State`` of the server, as a dictionary.
     """
-    light = [state[key] for key in ("form", "resolution", "theta", "phi", "rotation")]
+    light = [state[key] for key in ("form", "resolution", "theta", "phi", "rotation", "zoom")]
     images = [lit(s.brdf, *light) * state["exposure"] for s in shown]
     parts = ["<div class=row>"]
     for own, image in zip(shown, images, strict=True):

@@ -43,11 +43,16 @@ class State(BaseModel):
     theta: Annotated[float, Field(ge=0.0, le=180.0, allow_inf_nan=False)] = 40.0
     phi: _Angle = 60.0
     rotation: _Angle = 0.0
+    zoom: Annotated[float, Field(ge=0.02, le=64.0, allow_inf_nan=False)] = 1.0
     resolution: Annotated[int, Field(ge=16, le=1024)] = 256
     exposure: Annotated[float, Field(gt=0.0, le=1e6, allow_inf_nan=False)] = 1.0
     theta_i: Annotated[float, Field(ge=0.0, lt=90.0, allow_inf_nan=False)] = 30.0
     phi_i: _Angle = 0.0
     phi_v: _Angle = 180.0
+
+    def view(self) -> tuple[str, int, float, float, float, float]:
+        """Return what ``lit`` takes after the material."""
+        return self.form, self.resolution, self.theta, self.phi, self.rotation, self.zoom
 
 
 def application(shown: list[Shown], token: str, origins: list[str]) -> Any:
@@ -145,8 +150,7 @@ def _select() -> None:
 
 def _pictures(shown: list[Shown], state: State) -> bytes:
     """Return a header in JSON, its length before it, and the pixels of all materials as halves."""
-    light = (state.form, state.resolution, state.theta, state.phi, state.rotation)
-    images = [lit(s.brdf, *light) for s in shown]
+    images = [lit(s.brdf, *state.view()) for s in shown]
     height, width = images[0].shape[:2]
     differences = [
         float(delta_e_map(images[0] * state.exposure, other * state.exposure).mean())

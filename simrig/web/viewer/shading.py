@@ -9,21 +9,33 @@ shadows on each other here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from simrig.brdf.protocol import Brdf, evaluate
+from simrig.btf.mipmap import Footprint
+from simrig.btf.spatial import SpatialBrdf
 from simrig.core import backend
+from simrig.core.arrays import vector_type
 from simrig.core.errors import check_known
 from simrig.scenes import build_scene
-from simrig.scenes.parts import lamp_position
-from simrig.scenes.stimuli import CYLINDER_HEIGHT, SPHERE_RADIUS
+from simrig.scenes.parts import MARGIN, lamp_position
+from simrig.scenes.stimuli import CYLINDER_HEIGHT, CYLINDER_RADIUS, SPHERE_RADIUS
 
 FORMS = ("sphere", "cylinder", "plane", "four_spheres")
 _DISTANCE_MM = {"four_spheres": 400.0}  # of the lamp, as in the scenes; 500 of the others
 _NEAREST_MM = 0.5 * CYLINDER_HEIGHT + 10.0
+_PLANE_MM = 1.8 * SPHERE_RADIUS  # its side
+# mm of material per unit of u and of v: once around, and from pole to pole or end to end
+_UNIT_MM = {
+    "sphere": (2.0 * np.pi * SPHERE_RADIUS, np.pi * SPHERE_RADIUS),
+    "four_spheres": (2.0 * np.pi * SPHERE_RADIUS, np.pi * SPHERE_RADIUS),
+    "cylinder": (2.0 * np.pi * CYLINDER_RADIUS, CYLINDER_HEIGHT),
+    "plane": (_PLANE_MM, _PLANE_MM),
+}
+_LEAST_COSINE = 1e-3  # as footprints have in renders
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +49,8 @@ class Form:
         frame: (n, 3, 3) rows: tangent u, tangent v, normal.
         view: (n, 3) towards the camera, in that frame.
         centre: that the lamp turns about.
+        place: (n, 2) on the material in mm, along u and v.
+        pixel_mm: width of a pixel where the surface faces the camera.
     """
 
     size: tuple[int, int]
@@ -45,11 +59,18 @@ class Form:
     frame: np.ndarray
     view: np.ndarray
     centre: np.ndarray
+    place: np.ndarray
+    pixel_mm: float
 
 
-@cache
-def form(name: str, resolution: int) -> Form:
+@lru_cache(maxsize=16)
+def form(name: str, resolution: int, zoom: float = 1.0) -> Form:
     """Return a form of ``FORMS`` as a camera sees it, so many pixels wide.
+
+    Args:
+        name: of the form.
+        resolution: width in pixels.
+        zoom: magnification about the middle of the picture; below 1 for a camera further away.
 
     Raises:
         SimrigError: an unknown form.
@@ -62,15 +83,17 @@ def form(name: str, resolution: int) -> Form:
     shown = "sphere" if name == "plane" else name
     scene = build_scene(shown, {"type": "diffuse"}, resolution=resolution, pixel_centres=True)
     if name == "plane":
-        side = mi.ScalarTransform4f().scale(0.9 * SPHERE_RADIUS)
+        side = mi.ScalarTransform4f().scale(0.5 * _PLANE_MM)
         scene["sphere"] = {"type": "rectangle", "to_world": side, "bsdf": {"type": "diffuse"}}
     loaded: Any = mi.load_dict(scene)
     sensor = loaded.sensors()[0]
     width, height = (int(side) for side in sensor.film().crop_size())
     index = dr.arange(mi.UInt32, width * height)
-    x = (mi.Float(index % width) + 0.5) / width
-    y = (mi.Float(index // width) + 0.5) / height
+    x = 0.5 + ((mi.Float(index % width) + 0.5) / width - 0.5) / zoom
+    y = 0.5 + ((mi.Float(index // width) + 0.5) / height - 0.5) / zoom
     ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5, 0.5))
+    origin = np.array(ray.o).T
+    pixel_mm = float(np.linalg.norm(origin[1] - origin[0]))  # the cameras are orthographic
     si = loaded.ray_intersect(ray)
     si.initialize_sh_frame()
     pixel = np.flatnonzero(np.array(si.is_valid()))
@@ -79,9 +102,10 @@ def form(name: str, resolution: int) -> Form:
     position = np.array(si.p).T[pixel]
     centre = np.zeros(3)
     if name == "four_spheres":
-        first = pixel % width < width // 4
-        centre[0] = 0.5 * (position[first, 0].min() + position[first, 0].max())
-    return Form((height, width), pixel, position, np.stack(axes, axis=1), view, centre)
+        centre[0] = -1.5 * 2.0 * SPHERE_RADIUS * MARGIN  # of the first of them
+    place = np.array(si.uv).T[pixel] * _UNIT_MM[name]
+    frame = np.stack(axes, axis=1)
+    return Form((height, width), pixel, position, frame, view, centre, place, pixel_mm)
 
 
 def lit(
@@ -91,8 +115,9 @@ def lit(
     theta_deg: float = 40.0,
     phi_deg: float = 60.0,
     rotation_deg: float = 0.0,
+    zoom: float = 1.0,
 ) -> np.ndarray:
-    """Return a picture of a material under a lamp.
+    """Return a picture of a material under a lamp; a BTF is averaged over each pixel's footprint.
 
     Args:
         brdf: the material.
@@ -100,6 +125,7 @@ def lit(
         resolution: width in pixels.
         theta_deg, phi_deg: of the lamp from the direction towards the camera, and around it.
         rotation_deg: of the material about the surface normal.
+        zoom: see ``form``.
 
     Returns:
         Linear RGB, float32, shape (height, width, 3), black beside the form. A white diffuser
@@ -108,7 +134,7 @@ def lit(
     Raises:
         SimrigError: an unknown form.
     """
-    seen = form(name, resolution)
+    seen = form(name, resolution, zoom)
     distance = _DISTANCE_MM.get(name, 500.0)
     place = seen.centre + lamp_position(theta_deg, phi_deg, distance, _NEAREST_MM)
     towards = place - seen.position
@@ -119,12 +145,40 @@ def lit(
         [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
     )
     number = backend.types("float32").Float
-    values = evaluate(brdf, light @ turned.T, seen.view @ turned.T, number, differentiable=False)
+    directions = (light @ turned.T, seen.view @ turned.T)
+    if isinstance(brdf, SpatialBrdf):
+        values = _of_footprints(brdf, *directions, seen.place @ turned[:2, :2].T, seen, number)
+    else:
+        values = evaluate(brdf, *directions, number, differentiable=False)
     nearest = distance - (SPHERE_RADIUS if name != "plane" else 0.0)
     strength = np.pi * nearest**2 / length**2 * np.maximum(light[:, 2:], 0.0)
     image = np.zeros((seen.size[0] * seen.size[1], 3), dtype=np.float32)
     image[seen.pixel] = values * strength
     return image.reshape(*seen.size, 3)
+
+
+def _of_footprints(
+    brdf: SpatialBrdf,
+    light: np.ndarray,
+    view: np.ndarray,
+    place: np.ndarray,
+    seen: Form,
+    number: Any,
+) -> np.ndarray:
+    """Return f_r, (n, 3), averaged over what pixels see: ellipses longer along the view."""
+    length = seen.pixel_mm / np.maximum(view[:, 2], _LEAST_COSINE)
+    share = length / np.maximum(np.linalg.norm(view[:, :2], axis=1), 1e-4)
+    footprint = Footprint(
+        number(place[:, 0]),
+        number(place[:, 1]),
+        number(np.full(len(place), seen.pixel_mm)),
+        number(view[:, 0] * share),
+        number(view[:, 1] * share),
+    )
+    make = vector_type(number)
+    wi, wv = (make(*np.ascontiguousarray(w.T)) for w in (light, view))
+    found = brdf.eval_at(wi, wv, footprint, brdf.tables(number, False))
+    return np.array(found, dtype=np.float64).reshape(3, -1).T
 
 
 def in_plane(

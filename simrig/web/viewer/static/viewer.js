@@ -5,7 +5,7 @@ const COARSE = 96, FINE = 256, REST_MS = 80;
 const COLOURS = ["#4aa3df", "#ff6b5e", "#5fd35f", "#b79ae0", "#ffab4a", "#4fd6e0", "#c49a8a", "#f29ad2"];
 const token = new URLSearchParams(location.hash.slice(1)).get("token");
 const $ = (id) => document.getElementById(id);
-const state = { form: "sphere", theta: 40, phi: 60, rotation: 0, theta_i: 30, phi_i: 0, phi_v: 180 };
+const state = { form: "sphere", theta: 40, phi: 60, rotation: 0, zoom: 1, theta_i: 30, phi_i: 0, phi_v: 180 };
 let names = [], canvases = [], frame = null, busy = false, again = null, rest = 0;
 window.viewerTimes = []; // from a wish to its picture, for tests
 
@@ -200,6 +200,11 @@ async function main() {
   const settle = (work) => () => Promise.resolve(work()).catch((error) => notice(String(error.message)));
   $("form").onchange = () => { state.form = $("form").value; draw(COARSE); };
   $("rotation").oninput = () => { state.rotation = Number($("rotation").value); draw(COARSE); };
+  $("distance").oninput = () => {
+    state.zoom = 2 ** -Number($("distance").value);
+    $("distance-said").textContent = `× ${(1 / state.zoom).toPrecision(2)}`;
+    draw(COARSE);
+  };
   $("exposure").oninput = () => { $("exposure-said").textContent = $("exposure").value; paint(); };
   $("exposure").onchange = () => draw(FINE);
   for (const id of ["channels", "log", "difference", "scale"]) $(id).oninput = paint;
