@@ -26,7 +26,7 @@ from simrig.evaluation.ablation.run import (
     planned_render_row,
 )
 from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
-from simrig.evaluation.studies import plan_validation
+from simrig.evaluation.studies import STUDIES, plan_validation
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.planning import effects, plan_scene
 from simrig.rendering.render import render
@@ -180,7 +180,7 @@ def test_the_validation_study_judges_a_planner_that_is_right_and_one_that_is_not
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The quick preset of ``simrig study run plan-validation``."""
-    study = plan_validation.STUDY
+    study = STUDIES["plan-validation"]
     results = run_study(study, study.presets["quick"], tmp_path / "right").summary
     assert [r["scene"] for r in results["rows"]] == ["sphere", "bright_corner"]
     assert all(r["met"] and r["seconds"] > 0.0 for r in results["rows"])

@@ -2,15 +2,18 @@
 
 import pytest
 
-from simrig.evaluation.studies.along_highlights import STUDY, table
+from simrig.evaluation.studies import STUDIES
+from simrig.evaluation.studies.along_highlights import table
 from simrig.evaluation.studies.engine.run import run_study
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     own = {"materials": ["yellow_satin"], "pixels": 36, "directions": 8_000}
-    config = {**STUDY.presets["quick"], **own}
-    return run_study(STUDY, config, tmp_path_factory.mktemp("along_highlights"))
+    config = {**STUDIES["along-highlights"].presets["quick"], **own}
+    return run_study(
+        STUDIES["along-highlights"], config, tmp_path_factory.mktemp("along_highlights")
+    )
 
 
 def test_rows_hold_both_methods_on_the_same_samples(found):

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from simrig.evaluation.studies import automatic_plan
+from simrig.evaluation.studies import STUDIES, automatic_plan
 from simrig.evaluation.studies.engine.run import run_study
 
 FAMILIES = ("chosen", "isotropic", "anisotropic")
@@ -52,7 +52,7 @@ def test_hindsight_is_counted() -> None:
 
 @pytest.mark.slow
 def test_the_quick_preset_finds_that_the_choice_was_the_best(tmp_path: Path) -> None:
-    found = run_study(automatic_plan.STUDY, automatic_plan.PRESETS["quick"], tmp_path)
+    found = run_study(STUDIES["automatic-plan"], automatic_plan.PRESETS["quick"], tmp_path)
     (trial,) = found.summary["trials"]
     assert trial["chosen"] == trial["best"] == "anisotropic"
     assert trial["delta_e"]["isotropic"] > 3.0 * trial["delta_e"]["chosen"]

@@ -10,8 +10,7 @@ import pytest
 from rich.console import Console
 
 from simrig.brdf.tables.packed import RELATIVE_ERROR
-from simrig.evaluation.studies.btf_against_structure import study as btf_against_structure
-from simrig.evaluation.studies.btf_slices import study as btf_slices
+from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.pictures import picture_of, picture_row
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.rigs.btf import kept as btf_kept
@@ -45,7 +44,7 @@ def test_a_cell_is_given_a_folder_for_what_it_measures(tmp_path) -> None:
         return [{"number": cell["number"]}]
 
     study = replace(
-        btf_slices.STUDY,
+        STUDIES["btf-slices"],
         cells=lambda config: [{"number": 1}, {"number": 2}],
         run_cell=run_cell,
         summarise=lambda config, rows: {"count": len(rows)},
@@ -57,7 +56,7 @@ def test_a_cell_is_given_a_folder_for_what_it_measures(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
-    study = btf_slices.STUDY
+    study = STUDIES["btf-slices"]
     config = study.presets["quick"] | TINY
     config |= {
         "methods": ["gantry-b", "gantry-bd"],
@@ -93,7 +92,7 @@ def test_slices_are_compared_with_all_images(tmp_path, monkeypatch) -> None:
 
 @pytest.mark.slow
 def test_a_btf_stands_beside_its_structure(tmp_path) -> None:
-    study = btf_against_structure.STUDY
+    study = STUDIES["btf-against-structure"]
     config = study.presets["quick"] | TINY | {"spp": 4, "bounces": 1, "picture_spp": 8}
     config |= {"angles_deg": [[30.0, 30.0, 90.0, 0.0]], "distances_m": [0.6, 4.8], "pixels": 16}
     config |= {"speed": {"pixels": 16, "spp": 2, "rounds": 1}}

@@ -12,7 +12,7 @@ import pytest
 from command_line import done, refusal, simrig
 from refusals import refused
 from simrig.btf.stack import BtfStack
-from simrig.evaluation.studies import critical_distance
+from simrig.evaluation.studies import STUDIES, critical_distance
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.files.btf.hdf5 import write_btf
 from simrig.files.images import decode_srgb, read_image, write_png
@@ -222,7 +222,7 @@ def test_the_study_covers_the_seven_groups() -> None:
 
 @pytest.mark.slow
 def test_a_small_study_says_published_beside_ours(tmp_path: Path) -> None:
-    study = critical_distance.STUDY
+    study = STUDIES["critical-distance"]
     config = {**study.presets["quick"], **SMALL, "materials": ["canvas_beige", "leather_tan"]}
     found = run_study(study, config, tmp_path)
     assert [row["material"] for row in found.rows] == config["materials"]

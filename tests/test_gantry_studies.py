@@ -10,11 +10,9 @@ import pytest
 from rich.console import Console
 
 from simrig.brdf import Lambert
-from simrig.evaluation.studies import isotropic_measured
+from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.run import run_study
-from simrig.evaluation.studies.gantry import methods as gantry_methods
 from simrig.evaluation.studies.gantry import polar_angles as gantry_thetas
-from simrig.evaluation.studies.gantry import slices as gantry_slices
 from simrig.evaluation.studies.gantry.trials import Picture, gantry_trial
 from simrig.plans.gantry import GantryPlan
 
@@ -34,7 +32,7 @@ def test_a_trial_of_lambert_has_no_error_and_the_published_cost():
 
 
 def test_thetas_quick_preset_ranks_all_pairs(tmp_path):
-    study = gantry_thetas.STUDY
+    study = STUDIES["gantry-polar-angles"]
     found = run_study(study, study.presets["quick"], tmp_path)
     means = [mean["rmse"] for mean in found.summary["means"]]
     assert means == sorted(means) and len(means) == len(gantry_thetas.PAIRS)
@@ -48,7 +46,7 @@ def test_thetas_quick_preset_ranks_all_pairs(tmp_path):
 
 
 def test_slices_quick_preset_shows_that_slices_pay(tmp_path):
-    study = gantry_slices.STUDY
+    study = STUDIES["gantry-slices"]
     found = run_study(study, study.presets["quick"], tmp_path)
     psnr = {(m["thetas"], m["slices"], m["combination"]): m["psnr"] for m in found.summary["means"]}
     for thetas in ("2", "4, low"):
@@ -60,7 +58,7 @@ def test_slices_quick_preset_shows_that_slices_pay(tmp_path):
 
 
 def test_methods_compare_with_as_many_uniform_samples(tmp_path):
-    study = gantry_methods.STUDY
+    study = STUDIES["gantry-methods"]
     config = {**study.presets["quick"], "materials": ["wood01"]}
     config["table"] = {"theta_step_deg": 15.0, "azimuths": 8}
     found = run_study(study, config, tmp_path)
@@ -81,7 +79,7 @@ def test_methods_compare_with_as_many_uniform_samples(tmp_path):
 
 
 def test_absent_files_are_said_and_not_counted(tmp_path):
-    study = isotropic_measured.STUDY
+    study = STUDIES["isotropic-measured"]
     config = {**study.presets["quick"], "folder": str(tmp_path)}
     found = run_study(study, config, tmp_path / "out")
     assert found.summary["absent"] == config["files"]
@@ -90,7 +88,7 @@ def test_absent_files_are_said_and_not_counted(tmp_path):
 
 
 def test_measured_isotropic_materials_take_84_samples(tmp_path, shared_data):
-    study = isotropic_measured.STUDY
+    study = STUDIES["isotropic-measured"]
     name = study.presets["quick"]["files"][1]
     folder = shared_data(name).parents[1]
     config = {**study.presets["quick"], "files": [name], "folder": str(folder)}

@@ -15,6 +15,7 @@ from simrig.brdf import kurt_material
 from simrig.brdf.tables.resample import resample_dense
 from simrig.evaluation.metrics.meanings import COSTS
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
+from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.pareto import study as pareto
 from simrig.evaluation.studies.pareto.choice import METRICS, advise, summarise_rows
@@ -174,7 +175,7 @@ def test_radial_basis_functions_have_a_picture_too() -> None:
 def test_the_study_resumes_and_refuses_what_is_too_few(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = run_study(pareto.STUDY, SMALL, tmp_path)
+    found = run_study(STUDIES["pareto"], SMALL, tmp_path)
     assert found.run["computed"] == 4
     one = found.summary["subjects"][0]
     assert [(r["method"], r["wished"]) for r in one["refused"]] == [("barycentric", 60)]
@@ -183,13 +184,15 @@ def test_the_study_resumes_and_refuses_what_is_too_few(
     by_samples = [r["mre_percent"] for r in one["rows"] if r["method"] == "slices"]
     assert by_samples == sorted(by_samples, reverse=True)
     next((tmp_path / "cells").glob("*.npz")).unlink()
-    again = run_study(pareto.STUDY, SMALL, tmp_path)
+    again = run_study(STUDIES["pareto"], SMALL, tmp_path)
     assert again.run["computed"] == 1
     assert [r["mre_percent"] for r in again.rows if not r["refused"]] == [
         r["mre_percent"] for r in found.rows if not r["refused"]
     ]
     assert len(subject_tables(found.summary, "dE")) == 2  # a table and a refusal
-    refused("configuration samples", run_study, pareto.STUDY, {**SMALL, "samples": [435]}, tmp_path)
+    refused(
+        "configuration samples", run_study, STUDIES["pareto"], {**SMALL, "samples": [435]}, tmp_path
+    )
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from simrig.evaluation.metrics.angular_grid import AngularGrid
 from simrig.evaluation.metrics.mre import mre_exact
 from simrig.evaluation.metrics.shared_mre import SharedMre
 from simrig.evaluation.metrics.strata import Strata, allocate
+from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.page import write_page
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.placement import study as placement
@@ -159,7 +160,7 @@ def test_leaving_a_material_out_shows_what_it_decides() -> None:
 
 
 def test_a_small_study_finds_that_finer_slices_pay_later(tmp_path: Path) -> None:
-    results = run_study(placement.STUDY, SMALL, tmp_path)
+    results = run_study(STUDIES["placement"], SMALL, tmp_path)
     assert [len(placement.cells(SMALL)), len(results.rows)] == [9, 27]
     for row in results.rows:
         assert row["standard_error_percent"] <= 0.02 * row["mre_percent"]

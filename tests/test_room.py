@@ -12,8 +12,9 @@ import pytest
 from refusals import refused
 from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps, chessboard
+from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.run import run_study
-from simrig.evaluation.studies.room_switch.study import STUDY, table
+from simrig.evaluation.studies.room_switch.study import table
 from simrig.files.btf.hdf5 import write_btf
 from simrig.mesostructure import PRESETS
 from simrig.rendering.render import render
@@ -147,7 +148,7 @@ def test_switched_is_the_btf_near_and_the_brdf_far(materials) -> None:
 @pytest.mark.slow
 def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
     config = {
-        **STUDY.presets["quick"],
+        **STUDIES["room-switch"].presets["quick"],
         "materials": BOARDS,
         "distances": "groups",
         "resolution": 96,
@@ -155,7 +156,7 @@ def test_the_study_says_what_switching_costs_and_saves(tmp_path) -> None:
         "rounds": 1,
         "texels": 8,
     }
-    found = run_study(STUDY, config, tmp_path)
+    found = run_study(STUDIES["room-switch"], config, tmp_path)
     forms = found.summary["forms"]
     assert forms["btf"]["faster"] == 1.0 and forms["btf"]["psnr"] is None
     assert forms["brdf"]["psnr"] < forms["switched"]["psnr"]

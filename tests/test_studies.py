@@ -41,7 +41,7 @@ def test_published_table_is_complete():
 
 
 def test_the_quick_preset_of_table_5_3_gives_rows_with_their_cost(tmp_path):
-    study, steps = table_5_3.STUDY, []
+    study, steps = STUDIES["table-5-3"], []
     found = run_study(
         study, study.presets["quick"], tmp_path, progress=lambda *step: steps.append(step)
     )
@@ -73,7 +73,7 @@ def test_table_5_3_is_reproduced(tmp_path):
     materials = [*KURT_MATERIALS, *RESCALED_MATERIALS]
     # every other direction of each angle, a sixteenth of the work; docs/figures.md has all of them
     config = {**table_5_3.PRESETS["full"], "materials": materials, "step_deg": 4.0}
-    rows = run_study(table_5_3.STUDY, config, tmp_path).rows
+    rows = run_study(STUDIES["table-5-3"], config, tmp_path).rows
     by_material = {name: [r for r in rows if r["material"] == name] for name in config["materials"]}
     # one printed digit is 0.1; brushed aluminium and yellow satin stay off by up to a tenth
     for name in (*ONE_LOBE, *RESCALED_MATERIALS):

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from simrig.core import backend
 from simrig.core.effects import Bound
-from simrig.evaluation.studies import traps
+from simrig.evaluation.studies import STUDIES, traps
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.planning import effects
 from simrig.planning.light_tracing import trace_light
@@ -36,7 +36,7 @@ def test_particles_are_not_asked_under_a_map() -> None:
 
 def run(folder: Path, scenes: list[str]) -> dict:
     config = {**traps.PRESETS["quick"], "scenes": scenes}
-    return dict(run_study(traps.STUDY, config, folder).summary)
+    return dict(run_study(STUDIES["traps"], config, folder).summary)
 
 
 @pytest.mark.slow

@@ -32,34 +32,34 @@ from simrig.evaluation.studies.room_switch import study as room_switch
 from simrig.evaluation.studies.sampling_comparison import study as sampling_comparison
 from simrig.evaluation.studies.table_5_2 import study as table_5_2
 
-STUDIES: dict[str, Study] = {
-    study.name: study
-    for study in (
-        table_5_2.STUDY,
-        table_5_3.STUDY,
-        placement.STUDY,
-        gantry_thetas.STUDY,
-        gantry_slices.STUDY,
-        gantry_methods.STUDY,
-        along_highlights.STUDY,
-        critical_distance.STUDY,
-        isotropic_measured.STUDY,
-        automatic_plan.STUDY,
-        plan_validation.STUDY,
-        traps.STUDY,
-        registration.STUDY,
-        reflector_axes.STUDY,
-        tailored_sampling.STUDY,
-        reflector_models.STUDY,
-        reflector_subspaces.STUDY,
-        multiaxial.STUDY,
-        room_switch.STUDY,
-        pareto.STUDY,
-        budget_coverage.STUDY,
-        closed_loop.STUDY,
-        dense_brdf.STUDY,
-        btf_against_structure.STUDY,
-        btf_slices.STUDY,
-        sampling_comparison.STUDY,
-    )
+STUDIES = {
+    name: Study.of(name, module)
+    for name, module in {
+        "table-5-2": table_5_2,
+        "table-5-3": table_5_3,
+        "placement": placement,
+        "gantry-polar-angles": gantry_thetas,
+        "gantry-slices": gantry_slices,
+        "gantry-methods": gantry_methods,
+        "along-highlights": along_highlights,
+        "critical-distance": critical_distance,
+        "isotropic-measured": isotropic_measured,
+        "automatic-plan": automatic_plan,
+        "plan-validation": plan_validation,
+        "traps": traps,
+        "registration": registration,
+        "reflector-axes": reflector_axes,
+        "tailored-sampling": tailored_sampling,
+        "reflector-models": reflector_models,
+        "reflector-subspaces": reflector_subspaces,
+        "multiaxial": multiaxial,
+        "room-switch": room_switch,
+        "pareto": pareto,
+        "budget-coverage": budget_coverage,
+        "closed-loop": closed_loop,
+        "dense-brdf": dense_brdf,
+        "btf-against-structure": btf_against_structure,
+        "btf-slices": btf_slices,
+        "sampling-comparison": sampling_comparison,
+    }.items()
 }

@@ -30,7 +30,7 @@ from simrig.brdf.protocol import Brdf
 from simrig.core.tables import Column, named_rows, record_table, text_table
 from simrig.evaluation.metrics.images import displayed, psnr_from_mse
 from simrig.evaluation.metrics.mre import mre_estimate
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import grouped, means, where
 from simrig.files.load import load_material
 from simrig.plans.along_slices import SlicePlan, slice_samples
@@ -263,8 +263,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [folder / "along_highlights.png"]
 
 
-_ABOUT = "Interpolation along highlights against section 5.3, in subspaces and in 4-D."
 _SOURCE = "thesis section 5.7"
-STUDY: Study = Study(
-    "along-highlights", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

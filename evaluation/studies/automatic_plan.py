@@ -22,7 +22,7 @@ from simrig.core.tables import text_table
 from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import distinct, grouped, where
 from simrig.evaluation.studies.isotropic_measured import FILES
 from simrig.files.load import load_material
@@ -179,8 +179,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Which family the automatic plan chose, and whether it was the best in hindsight."
 _SOURCE = "a question of our own; thesis section 8.1"
-STUDY: Study = Study(
-    "automatic-plan", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core.tables import Column, record_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import distinct, grouped, where
 from simrig.evaluation.uncertainty.budget import COVERAGE, Instruments, K, Spread, directions
 from simrig.evaluation.uncertainty.sources import SOURCES
@@ -235,8 +235,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Whether 95 % intervals of the uncertainty budget hold the truth in 95 % of the cases."
 _SOURCE = "JCGM 101:2008; a question of our own"
-STUDY: Study = Study(
-    "budget-coverage", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -6,6 +6,8 @@ all of them together, show what each costs. Errors are stated by the larger pola
 view: the median of the relative error over all channels, the median of the stated standard
 uncertainty, and the mean ΔE of a pixel that shows π · f_r · cos θ_i. ``spots`` are without effects,
 by the area that a value is read from.
+
+Source: own question; thesis section 4.1.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import numpy as np
 
 from simrig.core.effects import Tolerance
 from simrig.core.tables import text_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.files.load import load_material
 from simrig.instruments.description import shipped
 from simrig.plans.listed import Directions
@@ -183,16 +185,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             error = [max(row["median_relative_error"], 1e-17) for row in mine]
             axes.plot(middle, error, "o-", label=effect)
     return [path]
-
-
-STUDY: Study = Study(
-    name="closed-loop",
-    about="pictures of a known BRDF give it back; what each effect of the camera costs",
-    source="own question; thesis section 4.1",
-    presets=PRESETS,
-    cells=cells,
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)

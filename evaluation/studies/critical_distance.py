@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core.tables import named_rows, record_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.mesostructure import PRESETS as MATERIALS
 from simrig.mesostructure import build_tile
@@ -213,8 +213,4 @@ def draw_sensitivity(path: Path) -> Path:
     return path
 
 
-_ABOUT = "From which distance on structure cannot be seen, predicted for all materials."
 _SOURCE = "thesis section 3.3, Tables 3.1 to 3.3, Figs 3.11 to 3.16"
-STUDY: Study = Study(
-    "critical-distance", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -35,7 +35,7 @@ from simrig.core.tables import Column, record_table
 from simrig.directions import to_vector
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.pictures import PICTURE, draw_sheet, picture_row
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.files.images import to_srgb8
@@ -257,8 +257,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return files
 
 
-_ABOUT = "Section 4.3: dense BRDFs of a large flat sample beside sparse ones of equal hours."
 _SOURCE = "thesis section 4.3, Figures 4.9 and 4.11, appendix A.3"
-STUDY: Study = Study(
-    "dense-brdf", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
 from simrig.evaluation.studies.gantry.trials import Picture, error_table, gantry_trial, method_means
 from simrig.files.load import load_material
@@ -114,8 +114,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Section 6.3.1: measured isotropic materials from 84 gantry samples."
 _SOURCE = "thesis section 6.3.1"
-STUDY: Study = Study(
-    "isotropic-measured", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -5,6 +5,8 @@ Materials with one, two and three modes, turned by 25°; samples at random pairs
 non-linear least squares of cube roots of all values at once, from the widths that a first search
 over roughness finds. The multi-axial one is fitted mode by mode (``simrig.reconstruction.
 multiaxial``). Errors are of a sphere under 16 directional lights, and of f_r at other directions.
+
+Source: thesis section 3.2, Figure 3.8.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from simrig.core.tables import text_table
 from simrig.directions.spherical import to_vector, turned
 from simrig.evaluation.metrics.comparison import compare_images
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.reconstruction.multiaxial import fit_multiaxial
 from simrig.viewing.plots import dot_style, drawn_panel
@@ -85,6 +87,9 @@ def material(name: str) -> Turned:
     else:
         parts = [(kurt_material(name), _TURN, 1.0)]
     return Turned(tuple((b, float(a), s) for b, a, s in parts), name)
+
+
+cells = one_per(material="materials")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
@@ -229,16 +234,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "The multi-axial model beside Ward's and Kurt's, fitted to the same samples."
 _SOURCE = "thesis section 3.2, Figure 3.8"
-STUDY: Study = Study(
-    "multiaxial",
-    _ABOUT,
-    _SOURCE,
-    PRESETS,
-    one_per(material="materials"),
-    run_cell,
-    summarise,
-    table,
-    plots,
-)

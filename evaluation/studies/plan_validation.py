@@ -13,6 +13,8 @@ and compilation is told from running.
 All bounds are checked as ``simrig ablate`` does: a violation is a bound smaller than the change
 that is certain beyond noise. ``direct`` compares, where nothing but direct light matters, the
 planned render with a hand-written scene of the same samples (medians of alternating renders).
+
+Source: none published: the figures are our own.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from simrig.evaluation.ablation.pictures import Pictures
 from simrig.evaluation.ablation.run import effect_rows, plan_row, planned_render_row
 from simrig.evaluation.benchmarks import planned
 from simrig.evaluation.metrics.replicates import Change
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import distinct, grouped, where
 from simrig.files.load import load_material
 from simrig.planning import plan_scene, planned_render
@@ -288,8 +290,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Validation of the planner: planned renders against converged ones with every effect."
 _SOURCE = "none published: the figures are our own"
-STUDY: Study = Study(
-    "plan-validation", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -10,6 +10,8 @@ of black paper beside it, aligned by what the picture shows (``imperfect``).
 
 What of brushed aluminium is seen at θ_i = 50° is no highlight (its profile is flat to 0.1 %): the
 truth of its axis is the lobe's own.
+
+Source: thesis section 3.1, Figure 3.3.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from simrig.core.errors import SimrigError
 from simrig.core.peaks import prominences
 from simrig.core.tables import text_table
 from simrig.directions.spherical import to_vector
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
 from simrig.imaging.anisotropy_opening import Opening
 from simrig.rigs.imaging.sensor import Sensor
@@ -64,6 +66,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rotations": 12,
     },
 }
+
+cells = one_per(material="materials", camera="cameras")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
@@ -287,16 +291,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [errors, sheet]
 
 
-_ABOUT = "Axes, number and widths of anisotropic highlights from one picture under a mirror."
 _SOURCE = "thesis section 3.1, Figure 3.3"
-STUDY: Study = Study(
-    "reflector-axes",
-    _ABOUT,
-    _SOURCE,
-    PRESETS,
-    one_per(material="materials", camera="cameras"),
-    run_cell,
-    summarise,
-    table,
-    plots,
-)

@@ -4,6 +4,8 @@ Both record the same pictures: an even mirror with its flash and lens of finite 
 picture is solved at 256 pixels a side, with seven points of the flash and one of the lens, and
 averaged over the traced one's pixels. A difference of means is free of noise but for a part in
 thousands; the mean of absolute differences contains the noise of each pixel, which stands beside.
+
+Source: thesis section 3.1.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 from simrig.brdf import Brdf, Lambert, kurt_material
 from simrig.core.cost import stopwatch
 from simrig.core.tables import text_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import means
 from simrig.files.images import to_srgb8
 from simrig.rigs.reflector.folded import fold, picture
@@ -43,6 +45,8 @@ _KEYS = (
     "further_seconds",
     "traced_seconds",
 )
+
+cells = one_per(material="materials")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
@@ -125,16 +129,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             panel.set_axis_off()
     finish_figure(figure, path)
     return [path]
-
-
-STUDY: Study = Study(
-    "reflector-models",
-    "The folded model of the reflector beside the traced one: difference, noise, time.",
-    "thesis section 3.1",
-    PRESETS,
-    one_per(material="materials"),
-    run_cell,
-    summarise,
-    table,
-    plots,
-)

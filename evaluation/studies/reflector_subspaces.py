@@ -6,6 +6,8 @@ gonioreflectometer without errors that steps both azimuths evenly and is interpo
 with as many samples as it takes in the ray's time, and with steps of 30°, 15° and 7.5°. Signal to
 noise is the mean of f_r over what noise changes; errors are over the mean of f_r, over bins that
 the camera sees.
+
+Source: thesis section 3.1.6, Figure 3.7.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from scipy.ndimage import map_coordinates
 from simrig.brdf import kurt_material
 from simrig.brdf.protocol import Brdf
 from simrig.core.tables import text_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.plans.listed import Directions
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -55,6 +57,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "step_deg": 1.0,
     },
 }  # fmt: skip
+
+cells = one_per(material="materials", way="ways")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
@@ -193,16 +197,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     panel.legend(fontsize=7)
     finish_figure(figure, path)
     return [path]
-
-
-STUDY: Study = Study(
-    "reflector-subspaces",
-    "Azimuthal subspaces by a swept ray and Hadamard patterns beside a gonioreflectometer.",
-    "thesis section 3.1.6, Figure 3.7",
-    PRESETS,
-    one_per(material="materials", way="ways"),
-    run_cell,
-    summarise,
-    table,
-    plots,
-)

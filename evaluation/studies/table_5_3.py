@@ -28,7 +28,7 @@ from simrig.brdf.tables.grid import to_dense
 from simrig.core.cost import stopwatch
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.mre import mre_exact
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
@@ -164,8 +164,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Table 5.3: the mean relative error of adaptive slices, published beside ours."
 _SOURCE = "thesis section 5.5.4, Table 5.3"
-STUDY: Study = Study(
-    "table-5-3", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

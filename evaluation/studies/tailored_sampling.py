@@ -4,6 +4,8 @@ Each material is photographed under the reflector (with a camera's noise), the h
 there make a plan of 1,025 samples, and radial basis functions interpolate what is measured there;
 beside it uniform sampling of as many. Both interpolate values, as the thesis does, and logarithms.
 Errors are of a sphere under 16 directional lights.
+
+Source: thesis section 3.1.5, Figure 3.4.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from simrig.brdf import kurt_material
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.comparison import compare_images
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.evaluation.studies.reflector_axes import photographed
 from simrig.plans.protocol import Plan, largest_theta_deg
@@ -42,6 +44,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "pixels": 96,
     },
 }  # fmt: skip
+
+cells = one_per(material="materials")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
@@ -129,16 +133,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             panel.loglog(x, y, "o", label=label)
         panel.axline((1.0, 1.0), (2.0, 2.0), color="0.8", zorder=0)
     return [path]
-
-
-STUDY: Study = Study(
-    "tailored-sampling",
-    "Sampling tailored by one picture under the reflector beside uniform sampling.",
-    "thesis section 3.1.5, Figure 3.4",
-    PRESETS,
-    one_per(material="materials"),
-    run_cell,
-    summarise,
-    table,
-    plots,
-)

@@ -10,6 +10,8 @@ The expected noise stands beside that which two planned pictures of independent 
 show. The check after the render *spoke* where it switched an effect on or said that the plan is
 contradicted, *rightly* where the picture was further off than its tolerance, and was *silent
 wrongly* where it did not speak and the picture is.
+
+Source: none published: the figures are our own.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from simrig.core.errors import SimrigError
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.images import foreground_mask
 from simrig.evaluation.metrics.replicates import Replicates, converged, distances
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import distinct, grouped
 from simrig.evaluation.studies.plan_validation import SCENE_OPTIONS
 from simrig.files.load import load_material
@@ -256,6 +258,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Traps for the planner: scenes that defeat looks, planned, rendered, checked and compared."
 _SOURCE = "none published: the figures are our own"
-STUDY: Study = Study("traps", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

@@ -48,6 +48,7 @@ def pareto(
     Error over samples, hours of the device, seconds and bytes, as tables, CSV and plots with what
     nothing beats marked. Every finished result is kept: after Ctrl-C the same command goes on.
     """
+    from simrig.evaluation.studies import STUDIES
     from simrig.evaluation.studies.engine.run import run_study
     from simrig.evaluation.studies.engine.storage import write_table
     from simrig.evaluation.studies.pareto import study
@@ -62,7 +63,7 @@ def pareto(
     folder = output or pareto_folder(config)
     frame.on_interrupt(f"the same command goes on from the finished results in '{folder}'")
     with frame.progress("pareto") as report:
-        found = run_study(study.STUDY, config, folder, None, workers, report)
+        found = run_study(STUDIES["pareto"], config, folder, None, workers, report)
     subjects = found.summary["subjects"]
     if not any(subject["rows"] for subject in subjects):
         first = subjects[0]["refused"][0]

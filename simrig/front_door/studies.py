@@ -52,7 +52,7 @@ def pareto(
     names = [_named(item) for item in items]
     config = pareto_study.configuration(names, methods, samples)
     place = Path(folder) if folder is not None else pareto_folder(config)
-    return run_study(pareto_study.STUDY, config, place, None, workers, progress)
+    return run_study(STUDIES["pareto"], config, place, None, workers, progress)
 
 
 def _named(material: Brdf | str | Path) -> str:

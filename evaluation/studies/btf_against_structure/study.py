@@ -13,6 +13,8 @@ measured with, and the BTF, full and factored, on a flat rectangle
   tracing in Python does not grow with the picture. The first call, which compiles, stands apart.
 
 A cell is one material, so that its BTF is measured once.
+
+Source: a question of our own; BTFs as in thesis sections 1.1.1 and 3.3.
 """
 
 from __future__ import annotations
@@ -33,8 +35,9 @@ from simrig.directions.spherical import to_vector
 from simrig.evaluation.benchmarks.timing import rendering, side_by_side
 from simrig.evaluation.metrics.images import delta_e_map, image_errors
 from simrig.evaluation.studies.btf_against_structure.far import far_rows
-from simrig.evaluation.studies.btf_against_structure.shown import plots, table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.btf_against_structure.shown import plots as plots
+from simrig.evaluation.studies.btf_against_structure.shown import table as table
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.pictures import picture_row
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.files.images import to_srgb8
@@ -251,8 +254,4 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     return {**found, "means": each, "tolerance": config["tolerance"]}
 
 
-_ABOUT = "A measured BTF beside its true structure: between angles, over distance, in speed."
 _SOURCE = "a question of our own; BTFs as in thesis sections 1.1.1 and 3.3"
-STUDY: Study = Study(
-    "btf-against-structure", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

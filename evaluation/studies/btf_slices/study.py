@@ -34,8 +34,11 @@ from simrig.core import backend
 from simrig.directions.schemes import HemisphereScheme, hemisphere_81
 from simrig.directions.spherical import to_vector
 from simrig.evaluation.metrics.images import difference_image, foreground_mask, image_errors
-from simrig.evaluation.studies.btf_slices.shown import ALL, ERRORS, plots, summarise, table
-from simrig.evaluation.studies.engine.base import Cell, Config, Study, one_per
+from simrig.evaluation.studies.btf_slices.shown import ALL, ERRORS
+from simrig.evaluation.studies.btf_slices.shown import plots as plots
+from simrig.evaluation.studies.btf_slices.shown import summarise as summarise
+from simrig.evaluation.studies.btf_slices.shown import table as table
+from simrig.evaluation.studies.engine.base import Cell, Config, one_per
 from simrig.evaluation.studies.engine.pictures import picture_row
 from simrig.evaluation.studies.engine.rows import means
 from simrig.files.images import to_srgb8
@@ -260,8 +263,4 @@ def _beside_exact(
     return row
 
 
-_ABOUT = "Section 6.3.5: BTFs reconstructed from the 168 images of a gantry, failures shown."
 _SOURCE = "thesis section 6.3.5, Figures 6.17 and 6.18"
-STUDY: Study = Study(
-    "btf-slices", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots, keeps=True
-)

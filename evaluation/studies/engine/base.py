@@ -11,6 +11,7 @@ cell alone, so a cell that is run twice gives the same rows. What is said about 
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -25,6 +26,7 @@ Cell = Mapping[str, Plain]
 Row = Mapping[str, Plain]
 
 PRESETS = ("quick", "full")
+PARTS = ("cells", "run_cell", "summarise", "table", "plots")
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,6 @@ class Study:
 
     Attributes:
         name: lower case, words joined by hyphens; what the command line takes.
-        about: one line.
         source: where the published numbers are from, such as "thesis section 5.5.4, Table 5.3".
         presets: the frozen configurations "quick" (the one that tests run, or little more) and
             "full" (as published).
@@ -59,6 +60,23 @@ class Study:
     table: Callable[[Mapping[str, Plain]], Any]
     plots: Callable[[Mapping[str, Plain], Sequence[Row], Path], list[Path]]
     keeps: bool = False
+
+    @classmethod
+    def of(cls, name: str, module: Any) -> Study:
+        """Return the study that a module is: its functions and ``PRESETS``.
+
+        The first line of the module's docstring is ``about``, its paragraph ``Source:`` the source.
+        """
+        said = [" ".join(part.split()) for part in inspect.getdoc(module).split("\n\n")]
+        source = next(part for part in said if part.startswith("Source: "))
+        return cls(
+            name,
+            said[0],
+            source.removeprefix("Source: ").removesuffix("."),
+            module.PRESETS,
+            *(getattr(module, part) for part in PARTS),
+            keeps="kept" in inspect.signature(module.run_cell).parameters,
+        )
 
 
 def one_per(**keys: str) -> Callable[[Config], list[dict[str, Plain]]]:

@@ -23,7 +23,7 @@ from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.cost import stopwatch
 from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import where
 from simrig.evaluation.studies.gantry.trials import (
     ERRORS,
@@ -154,8 +154,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Section 6.3.2: gantry methods A, B and BD beside 169 uniform samples."
 _SOURCE = "thesis section 6.3.2, Figure 6.13"
-STUDY: Study = Study(
-    "gantry-methods", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

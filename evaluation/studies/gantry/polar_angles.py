@@ -18,7 +18,7 @@ from typing import Any
 
 from simrig.brdf import kurt_material
 from simrig.core.tables import Column, record_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.evaluation.studies.gantry.trials import (
     COSTS,
@@ -119,8 +119,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Figure 6.24: which two polar angles a gantry should measure."
 _SOURCE = "thesis section 6.4.4, Figure 6.24"
-STUDY: Study = Study(
-    "gantry-polar-angles", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -19,7 +19,7 @@ from typing import Any
 
 from simrig.brdf import kurt_material
 from simrig.core.tables import text_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import distinct, grouped, means, where
 from simrig.evaluation.studies.gantry.polar_angles import ANISOTROPIC
 from simrig.evaluation.studies.gantry.trials import ERRORS, Picture, gantry_trial
@@ -170,8 +170,4 @@ def _curve(panel: Any, means: Sequence[Row], value: str, number: int) -> None:
             panel.axhline(mean[value], color=style["color"], linestyle="--", linewidth=0.8)
 
 
-_ABOUT = "Figure 6.26: polar angles and slices per subspace of a gantry against error and time."
 _SOURCE = "thesis section 6.4.4, Figure 6.26"
-STUDY: Study = Study(
-    "gantry-slices", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

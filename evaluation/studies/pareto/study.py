@@ -27,9 +27,10 @@ from simrig.directions.schemes import LARGEST_THETA_DEG
 from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.evaluation.metrics.pointwise import LOG_ERROR_FLOOR
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.pareto.choice import summarise_rows
-from simrig.evaluation.studies.pareto.shown import plots, table
+from simrig.evaluation.studies.pareto.shown import plots as plots
+from simrig.evaluation.studies.pareto.shown import table as table
 from simrig.files.load import load_material
 from simrig.instruments.description import described
 from simrig.methods import ALONE, METHODS, method
@@ -187,6 +188,4 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     return summarise_rows(rows, list(config["materials"]))
 
 
-_ABOUT = "What accuracy costs: every method's error over samples, hours, seconds and bytes."
 _SOURCE = "a question of our own; thesis sections 5.5 and 6.3 compare some of these methods"
-STUDY: Study = Study("pareto", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots)

@@ -31,10 +31,11 @@ from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.core.cost import stopwatch
 from simrig.evaluation.metrics.angular_grid import AngularGrid
 from simrig.evaluation.metrics.shared_mre import SharedMre
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.material_sets import material_sets
 from simrig.evaluation.studies.placement.choice import summarise_rows
-from simrig.evaluation.studies.placement.shown import plots, table
+from simrig.evaluation.studies.placement.shown import plots as plots
+from simrig.evaluation.studies.placement.shown import table as table
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
 from simrig.reconstruction.slices.tables import reconstruct
@@ -159,8 +160,4 @@ def _cost(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-_ABOUT = "Where slices should lie: the best steps for a number of samples."
 _SOURCE = "thesis sections 5.4.2 and 5.6.4, Eq. 5.3, Tables 5.1 and 5.4, Figs 5.5 and 5.13"
-STUDY: Study = Study(
-    "placement", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

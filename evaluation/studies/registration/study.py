@@ -27,7 +27,7 @@ import numpy as np
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
 from simrig.core.tables import Column, known, record_table
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.registration.photographs import (
     FRAME_MM,
     Lens,
@@ -237,8 +237,4 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     return [path]
 
 
-_ABOUT = "Registration: planes that were planted, found from photographs through the whole chain."
 _SOURCE = "thesis sections 4.2, appendix C"
-STUDY: Study = Study(
-    "registration", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)

@@ -36,10 +36,12 @@ from simrig.core.cost import stopwatch
 from simrig.directions.schemes import HemisphereScheme
 from simrig.evaluation.benchmarks.timing import Timing, one_alive, rendering
 from simrig.evaluation.metrics import images as metrics
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.pictures import picture_row
 from simrig.evaluation.studies.engine.rows import where
-from simrig.evaluation.studies.room_switch.shown import plots, range_picture, table
+from simrig.evaluation.studies.room_switch.shown import plots as plots
+from simrig.evaluation.studies.room_switch.shown import range_picture
+from simrig.evaluation.studies.room_switch.shown import table as table
 from simrig.rendering.render import display_exposure, load
 from simrig.scenes.room import ROOM_PARTS
 from simrig.viewing.room import (
@@ -244,8 +246,4 @@ def _pictures(
     return {**found, "range_map": range_picture(range_map_m(resolution))}
 
 
-_ABOUT = "A room of chairs in BTFs, BRDFs, and switched at the critical viewing distance."
 _SOURCE = "thesis section 3.3.5, Fig. 3.18, Table 3.4"
-STUDY: Study = Study(
-    "room-switch", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots, keeps=True
-)

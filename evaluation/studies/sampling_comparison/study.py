@@ -3,6 +3,8 @@
 Each material is held out alone, and with its whole family (category); whatever a method learns from
 the database (bases, designs, patterns, templates, combinations) is learnt without what is held
 out. ``adaptive`` is the thesis's reference, which knows the material that it measures.
+
+Source: thesis sections 7.1 and 7.2, Figures 7.1, 7.2, 7.8 and 7.13.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import numpy as np
 from simrig.core.errors import SimrigError
 from simrig.core.tables import text_table
 from simrig.database.known import Known, known
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study
+from simrig.evaluation.studies.engine.base import Cell, Config, Row
 from simrig.evaluation.studies.engine.rows import grouped, means
 from simrig.evaluation.studies.sampling_comparison.ways import ORACLE, OURS, SPLIT, WAYS, Stage
 from simrig.viewing.plots import drawn_panel
@@ -188,16 +190,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             panel.set_xscale("log")
         files.append(path)
     return files
-
-
-STUDY: Study = Study(
-    "sampling-comparison",
-    "Few samples and a database: the methods of thesis chapter 7 beside ours.",
-    "thesis sections 7.1 and 7.2, Figures 7.1, 7.2, 7.8 and 7.13",
-    PRESETS,
-    cells,
-    run_cell,
-    summarise,
-    table,
-    plots,
-)

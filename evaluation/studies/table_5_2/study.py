@@ -32,10 +32,11 @@ import numpy as np
 from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.directions.schemes import uniform_scheme
 from simrig.evaluation.metrics.mre import mre_estimate
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import means, where
 from simrig.evaluation.studies.material_sets import material_sets
-from simrig.evaluation.studies.table_5_2.shown import plots, table
+from simrig.evaluation.studies.table_5_2.shown import plots as plots
+from simrig.evaluation.studies.table_5_2.shown import table as table
 from simrig.methods import method
 
 # error of the method over that of the slices, thesis Table 5.2, in the order of KURT_MATERIALS
@@ -202,8 +203,4 @@ def _both_splines(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-_ABOUT = "Table 5.2: adaptive slices against uniform schemes, barycentric and by RBF."
 _SOURCE = "thesis sections 5.5.2 and D.3, Table 5.2, Fig. 5.8"
-STUDY: Study = Study(
-    "table-5-2", _ABOUT, _SOURCE, PRESETS, cells, run_cell, summarise, table, plots
-)
