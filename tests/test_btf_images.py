@@ -15,7 +15,8 @@ from simrig.btf.stack import BtfStack
 from simrig.btf.synthetic import bumps, grid_angles
 from simrig.core.errors import SimrigError
 from simrig.directions import scheme
-from simrig.files.btf.images import PixelValues, find_btf_images, import_btf, write_btf_images
+from simrig.files.btf.images import PixelValues, import_btf, write_btf_images
+from simrig.files.btf.source import find_pictures
 from simrig.files.images import decode_srgb, write_exr, write_png
 
 UTIA = "tv{tv:03d}_pv{pv:03d}/tl{tl:03d}_pl{pl:03d}_tv{tv:03d}_pv{pv:03d}.exr"
@@ -43,7 +44,7 @@ def test_our_own_pictures_come_back(tmp_path) -> None:
 def test_two_pictures_of_one_pair_are_refused_by_name(tmp_path) -> None:
     for pattern in (UTIA, BONN.replace("jpg", "exr")):
         path_of(tmp_path, pattern, 7, np.radians([30.0, 15.0, 90.0, 0.0])).touch()
-    refused(r"00007 tl030 pl090.*and .*tl030_pl090.*: remove one", find_btf_images, tmp_path)
+    refused(r"00007 tl030 pl090.*and .*tl030_pl090.*: remove one", find_pictures, tmp_path)
 
 
 def test_all_names_of_81_by_81_differ_and_are_understood(tmp_path) -> None:
@@ -52,9 +53,9 @@ def test_all_names_of_81_by_81_differ_and_are_understood(tmp_path) -> None:
         folder = tmp_path / pattern[-3:]
         for number in range(0, 6561, 40):
             path_of(folder, pattern, number, angles[number]).touch()
-        paths, found = find_btf_images(folder)
-        assert len(paths) == len(range(0, 6561, 40))
-        np.testing.assert_allclose(found, angles[::40], atol=1e-12)
+        found = find_pictures(folder)
+        assert len(found.names) == len(range(0, 6561, 40))
+        np.testing.assert_allclose(found.angles, angles[::40], atol=1e-12)
 
 
 def test_xyz_stored_as_rgb_is_stated(tmp_path) -> None:
@@ -87,9 +88,9 @@ def test_display_pictures_are_decoded(suffix, tmp_path) -> None:
 
 
 def test_bad_folders_are_refused(tmp_path) -> None:
-    refused("there is no folder", find_btf_images, tmp_path / "nowhere")
+    refused("there is no folder", find_pictures, tmp_path / "nowhere")
     (tmp_path / "picture.exr").touch()
-    refused("named by its angles", find_btf_images, tmp_path)
+    refused("named by its angles", find_pictures, tmp_path)
     (tmp_path / "picture.exr").unlink()
     for number, size in enumerate((2, 3)):
         path = path_of(tmp_path, UTIA, number, np.radians([15.0 * number, 0.0, 0.0, 0.0]))
@@ -112,9 +113,9 @@ def seven_by_seven(folder: Path, pattern: str) -> None:
 
 def test_decimal_angles_are_understood(tmp_path) -> None:
     seven_by_seven(tmp_path / "in", DECIMAL)
-    paths, angles = find_btf_images(tmp_path / "in")
-    assert len(paths) == 49
-    assert set(np.round(np.degrees(angles[:, 0]), 6)) == {0.0, 52.5}
+    found = find_pictures(tmp_path / "in")
+    assert len(found.names) == 49
+    assert set(np.round(np.degrees(found.angles[:, 0]), 6)) == {0.0, 52.5}
 
 
 def test_zip_archives_are_read(tmp_path) -> None:
@@ -137,7 +138,7 @@ def test_zip_archives_are_read(tmp_path) -> None:
 def test_pictures_are_not_left_out_in_silence(tmp_path, stray) -> None:
     seven_by_seven(tmp_path / "in", DECIMAL)
     (tmp_path / "in" / stray).write_bytes(b"II*\0")
-    refused(f"1 pictures that are not named.*'{stray}'", find_btf_images, tmp_path / "in")
+    refused(f"1 pictures that are not named.*'{stray}'", find_pictures, tmp_path / "in")
 
 
 def test_channels_say_whether_they_are_rgb_or_xyz(tmp_path) -> None:

@@ -18,6 +18,7 @@ from simrig.core.errors import SimrigError
 from simrig.directions.schemes import uniform_scheme
 from simrig.files.btf import images as btf_images
 from simrig.files.btf.hdf5 import read_btf, write_btf
+from simrig.files.btf.source import find_pictures
 from simrig.files.load import load_material
 from simrig.mesostructure import build_tile
 from simrig.plans.listed import named_scheme
@@ -107,7 +108,7 @@ def test_an_interrupted_folder_of_pictures_is_finished_by_the_same_command(
     assert "--overwrite" in refused("convert", file, folder)
     made("convert", file, folder, "--overwrite")
     assert (folder / "mine.txt").read_text() == "kept"
-    assert len(btf_images.find_btf_images(folder)[0]) == 9
+    assert len(find_pictures(folder).names) == 9
 
 
 def test_what_is_missing_is_filled_from_its_neighbours_on_request(tmp_path: Path) -> None:

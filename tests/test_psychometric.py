@@ -10,7 +10,6 @@ from simrig.core.errors import SimrigError
 from simrig.perception.psychometric import (
     READINGS,
     Psychometric,
-    counts_of,
     fit,
     fit_many,
     goodness,
@@ -76,8 +75,8 @@ def test_censored_answers_pull_up_and_dropped_ones_pull_down() -> None:
     true = Psychometric("nearness", 2.3, 3.0)
     answers = rng.choice(13, 4000, p=true.probabilities(DISTANCES))
     beyond = answers >= 6
-    kept = counts_of(answers[~beyond], 12)
-    cut = counts_of(np.full(beyond.sum(), 6), 12)
+    kept = np.bincount(answers[~beyond], minlength=13)
+    cut = beyond.sum() * np.eye(13)[6]
     assert fit(kept, DISTANCES).function.distance(0.5) < true.distance(0.5) - 0.2
     both = fit(kept, DISTANCES, censored=cut).function
     assert both.distance(0.5) == pytest.approx(true.distance(0.5), abs=0.05)
@@ -149,7 +148,5 @@ def test_what_cannot_be_fitted_is_refused(
 
 
 def test_answers_must_be_numbers_of_things() -> None:
-    with pytest.raises(SimrigError, match="0 to 12"):
-        counts_of([13], 12)
     with pytest.raises(SimrigError, match="λ lies"):
         fit(np.ones(13), DISTANCES, lapses=1.0)

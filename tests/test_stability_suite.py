@@ -19,6 +19,7 @@ from simrig.evaluation.stability.fuzz import FUZZ_PAIRS, fuzz_cases, unit
 from simrig.evaluation.stability.gantry import gantry_rows
 from simrig.evaluation.stability.hard_cases import HardCase, hard_case, hard_cases
 from simrig.evaluation.stability.highlights import highlight_rows
+from simrig.evaluation.stability.judgement import direction_rows
 from simrig.evaluation.stability.methods import (
     adaptive_rows,
     along_slice_rows,
@@ -30,8 +31,12 @@ from simrig.evaluation.stability.methods import (
 from simrig.evaluation.stability.plugins import plugin_rows
 from simrig.evaluation.stability.rows import stability_markdown
 from simrig.evaluation.stability.scattered import barycentric_rows, scattered_rows, solve_extended
-from simrig.evaluation.stability.subjects import small_slices
-from simrig.evaluation.stability.suite import stability_suite, stability_table
+from simrig.evaluation.stability.subjects import (
+    BrdfSubject,
+    default_parameterisations,
+    small_slices,
+)
+from simrig.evaluation.stability.suite import stability_suite
 from simrig.evaluation.stability.uniform import hard_samples, rbf_rows, uniform_rows
 from simrig.methods import METHODS
 from simrig.plans.adaptive import Knots
@@ -255,7 +260,7 @@ def test_samples_are_compared_where_they_were_drawn(variant_llvm):
 
 
 def test_the_lower_limit_of_slices_is_named_in_the_table():
-    rows = stability_table([small_slices()], [], precisions=["drjit-float32"])
+    rows = direction_rows(BrdfSubject(small_slices()), hard_cases(), ["drjit-float32"])
     named = [row for row in rows if "formula D.1" in row.explanation]
     assert named and all(row.explained for row in named)
     assert max(row.worst_relative for row in named) > 1e-4
@@ -316,7 +321,8 @@ def test_no_material_breaks_on_any_directions(pairs, m_x, m_y, size, variant, al
         Ward((size,) * 3, (size,) * 3, m_x, m_y, variant),
         Kurt(k_d=(size,) * 3, lobes=(lobe,), name="kurt"),
     ]
-    for row in stability_table(materials, cases=[case], precisions=["drjit-float32"]):
+    subjects = [*default_parameterisations(), *map(BrdfSubject, materials)]
+    for row in (r for s in subjects for r in direction_rows(s, [case], ["drjit-float32"])):
         assert row.explained and not row.non_finite and not row.negative, row
 
 

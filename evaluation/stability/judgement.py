@@ -35,7 +35,7 @@ def direction_rows(
 
     Args:
         precisions: a selection of ``PRECISIONS``.
-        backend_name: see ``stability_table``.
+        backend_name: ``"auto"``, ``"llvm"`` or ``"cuda"``, for the Dr.Jit precisions.
     """
     return [row for p in precisions for row in _rows(subject, cases, p, backend_name)]
 

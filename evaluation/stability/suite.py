@@ -10,21 +10,16 @@ is that of the arithmetic alone. What the rounding of the input itself costs is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-
-from simrig.brdf import Brdf
 from simrig.core import backend
-from simrig.core.errors import unknown_name
 from simrig.core.progress import Progress
 from simrig.evaluation.stability.fuzz import fuzz_cases
-from simrig.evaluation.stability.hard_cases import HardCase, hard_cases
+from simrig.evaluation.stability.hard_cases import hard_cases
 from simrig.evaluation.stability.judgement import PRECISIONS, direction_rows
 from simrig.evaluation.stability.methods import method_jobs
 from simrig.evaluation.stability.plugins import plugin_jobs
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.subjects import (
     BrdfSubject,
-    Subject,
     default_brdfs,
     default_parameterisations,
 )
@@ -59,34 +54,3 @@ def stability_suite(
     if progress is not None:
         progress(len(jobs), len(jobs))
     return rows
-
-
-def stability_table(
-    brdfs: Iterable[Brdf] | None = None,
-    parameterisations: Iterable[Subject] | None = None,
-    cases: Sequence[HardCase] | None = None,
-    precisions: Sequence[str] = PRECISIONS,
-    backend_name: str = "auto",
-) -> list[StabilityRow]:
-    """Return one row per BRDF or parameterisation, hard case and precision.
-
-    Args:
-        brdfs: by default those of ``default_brdfs()``.
-        parameterisations: by default those of ``default_parameterisations()``.
-        cases: by default ``hard_cases()``.
-        precisions: a selection of ``PRECISIONS``.
-        backend_name: ``"auto"``, ``"llvm"`` or ``"cuda"``, for the Dr.Jit precisions.
-
-    Raises:
-        SimrigError: unknown precision, or no usable LLVM or CUDA for a Dr.Jit precision.
-    """
-    for precision in precisions:
-        if precision not in PRECISIONS:
-            raise unknown_name("precision", precision, PRECISIONS)
-    if brdfs is None:
-        brdfs = default_brdfs()
-    if parameterisations is None:
-        parameterisations = default_parameterisations()
-    cases = hard_cases() if cases is None else cases
-    subjects = [*parameterisations, *map(BrdfSubject, brdfs)]
-    return [row for s in subjects for row in direction_rows(s, cases, precisions, backend_name)]

@@ -261,6 +261,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     finish_panel(right, xscale="log", yscale="log", **names)
     finish_figure(figure, folder / "along_highlights.png")
     return [folder / "along_highlights.png"]
-
-
-_SOURCE = "thesis section 5.7"

@@ -177,6 +177,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             values = [float(np.mean(each)) for each in own.values()]
             panel.plot(list(own), values, "o-", color=COLOURS[number], label=name)
     return [path]
-
-
-_SOURCE = "a question of our own; thesis section 8.1"

@@ -233,6 +233,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             panel.plot(theta, [100 * row["coverage_k2"] for row in own], linestyle=":", **style)
         panel.plot([], [], color="0.3", linestyle=":", label="k = 2")
     return [path]
-
-
-_SOURCE = "JCGM 101:2008; a question of our own"

@@ -211,6 +211,3 @@ def draw_sensitivity(path: Path) -> Path:
             panel.plot(1e-3 * distances, curve, color=colour, label=f"{size:g} mm")
         panel.spines[["top", "right"]].set_visible(False)
     return path
-
-
-_SOURCE = "thesis section 3.3, Tables 3.1 to 3.3, Figs 3.11 to 3.16"

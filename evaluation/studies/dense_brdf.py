@@ -255,6 +255,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             lines.append(line)
         files.append(draw_sheet(folder / f"{what}s.png", lines))
     return files
-
-
-_SOURCE = "thesis section 4.3, Figures 4.9 and 4.11, appendix A.3"

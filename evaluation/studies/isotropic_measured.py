@@ -112,6 +112,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         panel.axvline(summary["published"]["psnr"], color="0.6", linestyle="--", label="MERL, mean")
         panel.set_yticks(range(len(names)), [Path(name).stem for name in names])
     return [path]
-
-
-_SOURCE = "thesis section 6.3.1"

@@ -232,6 +232,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             x, y = ([max(row[key], 1e-3) for row in own] for key in ("fit_seconds", "delta_e"))
             panel.loglog(x, y, label=model, **dot_style(number))
     return [path]
-
-
-_SOURCE = "thesis section 3.2, Figure 3.8"

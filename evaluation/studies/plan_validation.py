@@ -288,6 +288,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             panel.plot(tolerances, reached, label=scene.replace("_", " "), **dot_style(number))
         panel.axline((1.0, 1.0), slope=1.0, color="0.7", zorder=0, label="tolerance")
     return [path]
-
-
-_SOURCE = "none published: the figures are our own"

@@ -289,6 +289,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     seen = [photographed(m, 40.0, "camera", 7) for m in materials]
     draw_sheet(seen, sheet, [truth(m, 40.0) for m in materials], names)
     return [errors, sheet]
-
-
-_SOURCE = "thesis section 3.1, Figure 3.3"

@@ -162,6 +162,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             panel.plot(x, y, label=label, **dot_style(number))
         panel.axline((1.0, 1.0), slope=1.0, color="0.8", zorder=0, label="as published")
     return [path]
-
-
-_SOURCE = "thesis section 5.5.4, Table 5.3"

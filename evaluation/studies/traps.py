@@ -256,6 +256,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         for factor in (1.0, *NOISE_RANGE):
             panel.axline((1.0, factor), (2.0, 2.0 * factor), color="0.7", zorder=0)
     return [path]
-
-
-_SOURCE = "none published: the figures are our own"

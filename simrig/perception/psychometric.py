@@ -85,18 +85,6 @@ def _seen(reading: str, log_scale: Any, slope: Any, distance: np.ndarray) -> np.
         return np.exp(-np.exp(np.clip(slope * ratio, -700.0, 700.0)))
 
 
-def counts_of(answers: ArrayLike, count: int) -> np.ndarray:
-    """Return how often each answer from 0 to ``count`` was given.
-
-    Raises:
-        SimrigError: answers that are no such whole numbers.
-    """
-    given = np.asarray(answers)
-    if given.size and (given.min() < 0 or given.max() > count or (given != np.floor(given)).any()):
-        raise SimrigError(f"answers are whole numbers from 0 to {count}")
-    return np.bincount(given.astype(int).ravel(), minlength=count + 1).astype(np.float64)
-
-
 def fit(
     counts: ArrayLike,
     distances_m: ArrayLike,

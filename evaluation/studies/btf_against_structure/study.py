@@ -252,6 +252,3 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
         if (own := where(found["angle"], form=form, measured=measured))
     ]
     return {**found, "means": each, "tolerance": config["tolerance"]}
-
-
-_SOURCE = "a question of our own; BTFs as in thesis sections 1.1.1 and 3.3"

@@ -261,6 +261,3 @@ def _beside_exact(
         row[f"{name}_off_largest"] = float(np.max(off.max(axis=(0, 2)) / peak))
         row[f"{name}_off_mean"] = float(np.mean(off.mean(axis=(0, 2)) / mean))
     return row
-
-
-_SOURCE = "thesis section 6.3.5, Figures 6.17 and 6.18"

@@ -26,7 +26,6 @@ Cell = Mapping[str, Plain]
 Row = Mapping[str, Plain]
 
 PRESETS = ("quick", "full")
-PARTS = ("cells", "run_cell", "summarise", "table", "plots")
 
 
 @dataclass(frozen=True)
@@ -67,15 +66,19 @@ class Study:
 
         The first line of the module's docstring is ``about``, its paragraph ``Source:`` the source.
         """
-        said = [" ".join(part.split()) for part in inspect.getdoc(module).split("\n\n")]
+        said = [" ".join(part.split()) for part in (inspect.getdoc(module) or "").split("\n\n")]
         source = next(part for part in said if part.startswith("Source: "))
         return cls(
             name,
             said[0],
             source.removeprefix("Source: ").removesuffix("."),
             module.PRESETS,
-            *(getattr(module, part) for part in PARTS),
-            keeps="kept" in inspect.signature(module.run_cell).parameters,
+            module.cells,
+            module.run_cell,
+            module.summarise,
+            module.table,
+            module.plots,
+            "kept" in inspect.signature(module.run_cell).parameters,
         )
 
 

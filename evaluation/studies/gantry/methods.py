@@ -152,6 +152,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         panel.set_xticks(range(len(names)), names, rotation=35, ha="right")
         panel.margins(y=0.15)
     return [path]
-
-
-_SOURCE = "thesis section 6.3.2, Figure 6.13"

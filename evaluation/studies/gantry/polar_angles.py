@@ -117,6 +117,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             own = {"{low:g}/{high:g}".format_map(r): r["rmse"] for r in where(rows, material=name)}
             panel.plot(pairs, [own[p] for p in pairs], "o", color=COLOURS[number], label=name)
     return [path]
-
-
-_SOURCE = "thesis section 6.4.4, Figure 6.24"

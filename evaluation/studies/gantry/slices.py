@@ -168,6 +168,3 @@ def _curve(panel: Any, means: Sequence[Row], value: str, number: int) -> None:
             panel.plot(2, mean[value], "x", color=style["color"])
         elif mean["slices"] == ALL:
             panel.axhline(mean[value], color=style["color"], linestyle="--", linewidth=0.8)
-
-
-_SOURCE = "thesis section 6.4.4, Figure 6.26"

@@ -186,6 +186,3 @@ def _subject(name: str, pixels: int, lights: int) -> tuple[Brdf, SpherePicture]:
 def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
     """Return all results with their place on the Pareto fronts; see ``pareto_choice``."""
     return summarise_rows(rows, list(config["materials"]))
-
-
-_SOURCE = "a question of our own; thesis sections 5.5 and 6.3 compare some of these methods"

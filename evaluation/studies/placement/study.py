@@ -158,6 +158,3 @@ def _cost(rows: Sequence[Row]) -> dict[str, Any]:
             row["standard_error_percent"] / row["mre_percent"] for row in rows
         ),
     }
-
-
-_SOURCE = "thesis sections 5.4.2 and 5.6.4, Eq. 5.3, Tables 5.1 and 5.4, Figs 5.5 and 5.13"

@@ -235,6 +235,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
         panel.axvline(0.02, color="0.8", zorder=0)
         panel.axhline(0.02, color="0.8", zorder=0)
     return [path]
-
-
-_SOURCE = "thesis sections 4.2, appendix C"

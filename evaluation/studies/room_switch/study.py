@@ -244,6 +244,3 @@ def _pictures(
             reference, images[form], DIFFERENCE_SCALE, exposure
         )
     return {**found, "range_map": range_picture(range_map_m(resolution))}
-
-
-_SOURCE = "thesis section 3.3.5, Fig. 3.18, Table 3.4"

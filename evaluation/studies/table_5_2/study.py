@@ -201,6 +201,3 @@ def _both_splines(rows: Sequence[Row]) -> list[dict[str, Any]]:
         for (name, n, which), error in by.items()
         if which == "rbf-global" and (name, n, "rbf-local") in by
     ]
-
-
-_SOURCE = "thesis sections 5.5.2 and D.3, Table 5.2, Fig. 5.8"

@@ -257,32 +257,6 @@ def residual(samples: ScatteredSamples, predicted: np.ndarray) -> FitResidual:
     return FitResidual(float(relative.mean()), float(quantiles[0]), float(quantiles[1]))
 
 
-def cross_validate(samples: ScatteredSamples, folds: int = 5, seed: int = 0) -> FitResidual:
-    """Return the error of the interpolation at samples that it was not given.
-
-    Args:
-        folds: parts, each predicted from the others; 0 leaves out whole incidences instead
-            (all samples within half a degree of one theta_i), the first and last excepted.
-    """
-    if folds:
-        part = np.random.default_rng(seed).permutation(len(samples)) % folds
-        left_out = list(range(folds))
-    else:
-        part = np.round(np.degrees(samples.theta_i)).astype(int)
-        left_out = np.unique(part)[1:-1].tolist()
-    if not left_out:
-        raise SimrigError(f"'{samples.name}' has too few incidences to leave any out")
-    wi, wv = samples.directions
-    predicted = np.full_like(samples.values, np.nan)
-    for number in left_out:
-        held_out = part == number
-        predicted[held_out] = IsotropicInterpolator(subset(samples, ~held_out))(
-            wi[held_out], wv[held_out]
-        )
-    tested = np.isfinite(predicted).all(axis=1)
-    return residual(subset(samples, tested), predicted[tested])
-
-
 def subset(samples: ScatteredSamples, mask: np.ndarray) -> ScatteredSamples:
     """Return the samples that a mask, or their numbers, choose."""
     names = ("theta_i", "phi_i", "theta_v", "phi_v", "values")

@@ -58,12 +58,6 @@ class PixelValues:
             raise SimrigError(f"the factor of BTF pictures must be above 0, got {self.factor}")
 
 
-def find_btf_images(folder: str | Path) -> tuple[list[Path], np.ndarray]:
-    """Return the pictures of a BTF in a folder, and their angles (see ``find_pictures``)."""
-    found = find_pictures(folder)
-    return [found.source / name for name in found.names], found.angles
-
-
 def import_btf(
     folder: str | Path,
     path: str | Path,

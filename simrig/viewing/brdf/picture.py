@@ -40,31 +40,8 @@ def brdf_picture(
         finite.
     """
     values = _sample(brdf, thetas_deg, azimuth_step_deg)
-    return _join(values, "theta_i phi_i", "theta_v phi_v")
-
-
-def all_subspaces_picture(
-    brdf: Brdf, thetas_deg: Sequence[float] = THETAS_DEG, azimuth_step_deg: float = 15.0
-) -> np.ndarray:
-    """Return all kinds of two-dimensional subspaces as one picture (Figure 1.3 right).
-
-    Quarters: top left the azimuthal subspaces of ``brdf_picture``; top right the BRDF
-    fields (phi_i down, theta_i right, for constant view); bottom left theta_i down, phi_v right,
-    for constant phi_i and theta_v; bottom right the polar angles (theta_i down, theta_v right, for
-    constant azimuths).
-
-    Args, Returns, Raises: as ``brdf_picture``, but of twice the side.
-    """
-    values = _sample(brdf, thetas_deg, azimuth_step_deg)
-    top = [
-        _join(values, "theta_i phi_i", "theta_v phi_v"),
-        _join(values, "theta_v phi_i", "phi_v theta_i"),
-    ]
-    bottom = [
-        _join(values, "phi_i theta_i", "theta_v phi_v"),
-        _join(values, "phi_i theta_i", "phi_v theta_v"),
-    ]
-    return np.concatenate([np.concatenate(top, axis=1), np.concatenate(bottom, axis=1)], axis=0)
+    side = values.shape[0] * values.shape[2]
+    return values.transpose(0, 2, 1, 3, 4).reshape(side, side, 3)
 
 
 def brdf_exposure(picture: np.ndarray, percentile: float = _WHITE_PERCENTILE) -> float:
@@ -134,13 +111,3 @@ def _sample(brdf: Brdf, thetas_deg: Sequence[float], azimuth_step_deg: float) ->
     if not np.isfinite(values).all():
         raise SimrigError(f"'{brdf.name}' has values that are NaN or infinite")
     return values
-
-
-_AXES = {"theta_i": 0, "theta_v": 1, "phi_i": 2, "phi_v": 3}
-
-
-def _join(values: np.ndarray, rows: str, columns: str) -> np.ndarray:
-    """Lay the four angles out in a plane: per side an angle by tile and one within the tile."""
-    order = [_AXES[name] for name in (*rows.split(), *columns.split())]
-    height, width = (values.shape[a] * values.shape[b] for a, b in (order[:2], order[2:]))
-    return values.transpose(*order, 4).reshape(height, width, 3)
