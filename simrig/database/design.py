@@ -20,6 +20,7 @@ _STARTS, _RESTARTS, _STALE = 4, 3, 2
 _HALVINGS = 40
 _REACH = 3  # cells: the neighbourhood h = 7
 _NOISE = 0.02  # of logarithms
+_SWEEPS = 3  # of the exchange, at most
 _CANDIDATES = 4700
 _AVERAGED = 3000  # places whose error a joint design minimises
 
@@ -159,8 +160,6 @@ def optimal(
     basis: SliceBasis,
     count: int,
     criterion: str = "i",
-    noise: float = _NOISE,
-    sweeps: int = 3,
     theta_max: float = float(_STEEPEST),
 ) -> np.ndarray:
     """Return rows that are optimal for one slice, greedily and then by exchange, (count,) numbers.
@@ -168,8 +167,6 @@ def optimal(
     Args:
         basis: its deviations are the prior.
         criterion: ``"i"``, ``"a"`` or ``"d"``.
-        noise: standard deviation of a logarithm.
-        sweeps: of the exchange, at most.
     """
     allowed = reachable(basis, theta_max)
     whitened = basis.components * basis.deviations
@@ -178,19 +175,19 @@ def optimal(
     weight = loss.get(criterion)
     covariance, chosen = np.eye(q.shape[1]), [-1] * count
     value = np.inf
-    for sweep in range(sweeps + 1):
+    for sweep in range(_SWEEPS + 1):
         for place in range(count):
             if chosen[place] >= 0:
-                covariance = _changed(covariance, q[chosen[place]], -(noise**2))
+                covariance = _changed(covariance, q[chosen[place]], -(_NOISE**2))
             along = q @ covariance
             variance = np.maximum(np.einsum("nk,nk->n", along, q), 0.0)
             gain = variance
             if weight is not None:
-                gain = np.einsum("nk,nk->n", along @ weight, along) / (noise**2 + variance)
+                gain = np.einsum("nk,nk->n", along @ weight, along) / (_NOISE**2 + variance)
             if sweep > 0:
                 gain[[c for p, c in enumerate(chosen) if p != place]] *= 0.999
             chosen[place] = int(np.argmax(gain))
-            covariance = _changed(covariance, q[chosen[place]], noise**2)
+            covariance = _changed(covariance, q[chosen[place]], _NOISE**2)
         now = float(
             np.linalg.slogdet(covariance)[1] if weight is None else np.sum(weight * covariance)
         )

@@ -10,7 +10,6 @@ where they do not fit into a quarter turn of radians; a negative theta lies acro
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,14 +44,20 @@ def is_astm(text: str) -> bool:
     return named and any(_KEYWORD.match(line) for line in lines[:1])
 
 
-def read_astm(
-    path: str | Path, clamp_negative: bool = False, wavelength: float | None = None
-) -> tuple[ScatteredSamples, list[str]]:
-    """Read the samples as linear RGB, and say what was made of them.
+def load_astm(
+    path: str | Path,
+    clamp_negative: bool = False,
+    wavelength: float | None = None,
+    gamut: str = CLIP,
+) -> tuple[Brdf, list[str]]:
+    """Read the samples as linear RGB and make a table of them (see ``assemble``).
 
     Args:
         clamp_negative: set negative values to 0 instead of refusing them.
         wavelength: in nm, to take one of several as grey.
+
+    Returns:
+        The table, and what was done.
 
     Raises:
         SimrigError: no VARS line, columns that are missing or unknown, another number of lines than
@@ -67,24 +72,9 @@ def read_astm(
     values = not_negative(path, values, clamp_negative)
     colours, note = _colours(path, rest, values, angles[:, 2], wavelength)
     theta_i, phi_i, theta_v, phi_v = angles.T
-    samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem)
-    return samples, [*notes, note]
-
-
-def load_astm(
-    path: str | Path,
-    clamp_negative: bool = False,
-    wavelength: float | None = None,
-    gamut: str = CLIP,
-) -> tuple[Brdf, list[str]]:
-    """Read the samples and make a table of them (see ``assemble``).
-
-    Returns:
-        The table, and what was done.
-    """
-    samples, notes = read_astm(path, clamp_negative, wavelength)
-    found = assemble(replace(samples, gamut=gamut), "ASTM samples")
-    return found.brdf, [*notes, found.how]
+    samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem, gamut=gamut)
+    found = assemble(samples, "ASTM samples")
+    return found.brdf, [*notes, note, found.how]
 
 
 def write_astm(path: str | Path, brdf: Brdf) -> None:

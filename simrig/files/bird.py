@@ -10,7 +10,6 @@ Source: Lanevski et al. 2022, Color Research and Application 47, 1177; schema v1
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -40,17 +39,20 @@ def is_bird(text: str) -> bool:
     return text.lstrip("\ufeff \t\r\n").startswith("{") and '"metadata"' in text
 
 
-def read_bird(
-    path: str | Path, clamp_negative: bool = False, wavelength: float | None = None
-) -> tuple[ScatteredSamples, list[str]]:
-    """Read the samples as linear RGB.
+def load_bird(
+    path: str | Path,
+    clamp_negative: bool = False,
+    wavelength: float | None = None,
+    gamut: str = CLIP,
+) -> tuple[Brdf, list[str]]:
+    """Read the samples as linear RGB and make a table of them (see ``assemble``).
 
     Args:
         clamp_negative: set negative values to 0 instead of refusing them.
         wavelength: in nm, to take one of several as grey.
 
     Returns:
-        The samples, and what was made of them.
+        The table, and what was done.
 
     Raises:
         SimrigError: not JSON, not of this format, arrays that do not fit together, values that
@@ -71,24 +73,9 @@ def read_bird(
     directions, table = _pivot(path, angles, keys, values, len(kinds))
     colours, note = _colours(path, kinds, table, wavelength)
     theta_i, phi_i, theta_v, phi_v = directions.T
-    samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem)
-    return samples, [*notes, note]
-
-
-def load_bird(
-    path: str | Path,
-    clamp_negative: bool = False,
-    wavelength: float | None = None,
-    gamut: str = CLIP,
-) -> tuple[Brdf, list[str]]:
-    """Read the samples and make a table of them (see ``assemble``).
-
-    Returns:
-        The table, and what was done.
-    """
-    samples, notes = read_bird(path, clamp_negative, wavelength)
-    found = assemble(replace(samples, gamut=gamut), "BiRD samples")
-    return found.brdf, [*notes, found.how]
+    samples = ScatteredSamples(theta_i, phi_i, theta_v, phi_v, colours, path.stem, gamut=gamut)
+    found = assemble(samples, "BiRD samples")
+    return found.brdf, [*notes, note, found.how]
 
 
 def write_bird(path: str | Path, brdf: Brdf) -> None:

@@ -12,6 +12,8 @@ from simrig.mesostructure.bsdfs import fibre
 from simrig.mesostructure.tile import Part
 from simrig.mesostructure.tubes import frames, merged, periodic_noise, sweep, tangents, unit
 
+_SIDES = 5  # of the section of a strand; a monofilament has twice as many
+
 
 class _Yarns(NamedTuple):
     """Yarns along axes: their frames, half thicknesses and widths, and colours."""
@@ -75,7 +77,6 @@ class Yarn:
         reference: np.ndarray,
         rng: np.random.Generator,
         period: np.ndarray | None = None,
-        sides: int = 5,
         colours: np.ndarray | None = None,
     ) -> Part:
         """Return the yarn along axes.
@@ -84,7 +85,6 @@ class Yarn:
             axes: (k, n, 3) mm.
             reference: direction of the thickness, broadcasting to the axes, see ``frames``.
             period: of axes that repeat with the tile, see ``simrig.mesostructure.tubes``.
-            sides: corners of the section of a strand (twice as many for a monofilament).
             colours: (k, 3) linear RGB albedo per yarn instead of ``colour``.
         """
         count, points = axes.shape[:2]
@@ -94,20 +94,18 @@ class Yarn:
         a, b = 0.5 * self.thickness * swell, 0.5 * self.width * swell
         if self.strands == 1:
             shade = self._mottled(base, 1, points, rng)
-            return sweep(axes, (a, b), 2 * sides + 2, self.look, shade, reference, period)
+            return sweep(axes, (a, b), 2 * _SIDES + 2, self.look, shade, reference, period)
         yarns = _Yarns(axes, *frames(axes, reference, period), a, b, base)
         core, dark = (0.72 * a, 0.72 * b), 0.7 * base[:, None]
         parts = [
-            sweep(axes, core, 2 * sides, self.look, dark, reference, period),
-            self._strands(yarns, rng, period, sides),
+            sweep(axes, core, 2 * _SIDES, self.look, dark, reference, period),
+            self._strands(yarns, rng, period),
         ]
         if self.hairs > 0.0:
             parts.append(self._hairs(yarns, rng, period is not None))
         return merged(parts)
 
-    def _strands(
-        self, yarns: _Yarns, rng: np.random.Generator, period: np.ndarray | None, sides: int
-    ) -> Part:
+    def _strands(self, yarns: _Yarns, rng: np.random.Generator, period: np.ndarray | None) -> Part:
         """Return the twisted strands, all at once: curve k · strands + s is strand s of yarn k."""
         (axes, up, side, a, b, base), length = yarns, yarns.length
         count, points = axes.shape[:2]
@@ -131,7 +129,7 @@ class Yarn:
         return sweep(
             centres.reshape(*shape, 3),
             thick.reshape(shape),
-            sides,
+            _SIDES,
             self.look,
             shade,
             outward.reshape(*shape, 3),

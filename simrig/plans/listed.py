@@ -141,13 +141,12 @@ def once(material: Brdf | None, reciprocal: bool | None) -> bool:
     return bool(material is None or material.reciprocal) if reciprocal is None else reciprocal
 
 
-def named_scheme(text: str, others: tuple[str, ...] = ()) -> HemisphereScheme:
+def named_scheme(text: str) -> HemisphereScheme:
     """Return the fixed list of directions that a user names.
 
     Args:
         text: ``81x81`` or ``151x151``, ``1`` to ``30`` of the uniform schemes, or a name of
             ``simrig.directions.schemes``.
-        others: words that the caller takes as well, for the message.
 
     Raises:
         SimrigError: there is none of this name.
@@ -156,7 +155,7 @@ def named_scheme(text: str, others: tuple[str, ...] = ()) -> HemisphereScheme:
     if name.isdecimal():
         return uniform_scheme(int(name))
     if name not in SCHEMES:
-        raise unknown_name("scheme", text, (*others, *_BY_COUNT, *SCHEMES))
+        raise unknown_name("scheme", text, (*_BY_COUNT, *SCHEMES))
     return scheme(name)
 
 

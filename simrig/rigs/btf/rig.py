@@ -75,15 +75,14 @@ def view_order(angles: np.ndarray) -> np.ndarray:
     return np.argsort(first[which.ravel()], kind="stable")
 
 
-def stack_bytes(pairs: int, resolution: tuple[int, int], dtype: type = np.float16) -> int:
-    """Return the bytes of the images of a measurement.
+def stack_bytes(pairs: int, resolution: tuple[int, int]) -> int:
+    """Return the bytes of the images of a measurement in float16.
 
     Args:
         pairs: of directions, one image each.
         resolution: (height, width) in texels.
-        dtype: of the values.
     """
-    return int(pairs) * resolution[0] * resolution[1] * 3 * np.dtype(dtype).itemsize
+    return int(pairs) * resolution[0] * resolution[1] * 3 * 2
 
 
 def measure_btf(

@@ -36,16 +36,16 @@ UPRIGHT = HemisphereScheme.from_rings(
 )
 
 
-def measured_upright(tile: Tile, texels: int = TEXELS, spp: int = 16, seed: int = 0) -> BtfStack:
+def measured_upright(tile: Tile, texels: int = TEXELS, spp: int = 16) -> BtfStack:
     """Return the BTF of a material among the directions that an upright cylinder asks for.
 
     Args:
         texels: along x.
     """
-    return measure_btf(tile, btf_angles(UPRIGHT), texels, spp, seed=seed)
+    return measure_btf(tile, btf_angles(UPRIGHT), texels, spp)
 
 
-def cylinder_stimulus(stack: BtfStack, spp: int = SAMPLES, rotation_deg: float = 0.0) -> Stimulus:
+def cylinder_stimulus(stack: BtfStack, rotation_deg: float = 0.0) -> Stimulus:
     """Render the lower half of the first cylinder with a BTF, and with its spatial mean.
 
     Args:
@@ -61,14 +61,14 @@ def cylinder_stimulus(stack: BtfStack, spp: int = SAMPLES, rotation_deg: float =
         "scale": CIRCUMFERENCE,
         "scale_v": HALF_HEIGHT,
         "rotation": rotation_deg,
-        "pixel_angle": pixel_angle_deg(height) / float(np.sqrt(spp)),
+        "pixel_angle": pixel_angle_deg(height) / float(np.sqrt(SAMPLES)),
     }
     brdf = material.brdf(rotation_deg)
     pictures, cost = [], Cost()
     for lower in (material.btf(**options), brdf):
         scene = receding_cylinders({"upper": brdf, "lower": lower}, EXPERIMENT)
         scene["sensor"]["film"] |= lower_half()
-        result = render(scene, spp)
+        result = render(scene, SAMPLES)
         pictures.append(result.image)
         cost = cost + result.cost
     return displayed(stack.name, pictures[0], pictures[1], _pixel_mm(), cost)
