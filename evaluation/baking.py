@@ -49,7 +49,6 @@ class Form:
     """One way to store a BRDF for rendering.
 
     Attributes:
-        about: what it is.
         levels: what ``make`` takes, from coarse to fine, by a name of each.
         make: of a BRDF and a level.
     """
@@ -134,7 +133,6 @@ class Candidate:
 
     Attributes:
         form: its name in ``FORMS``, or ``"as it is"`` for the material itself.
-        level: how fine.
         delta_e: mean CIE ΔE of the worse of the pictures.
         instructions, gathers: of a look-up with ``eval_pdf`` and ``sample``.
         bytes: that look-ups read.
@@ -201,7 +199,6 @@ def bake(brdf: Brdf, tolerance: Tolerance, progress: Progress | None = None) -> 
     """Return the cheapest form of a BRDF whose pictures stay within a tolerance.
 
     Args:
-        brdf: what can be rendered.
         tolerance: mean ΔE of pictures of a sphere under directional lights, ``dE``.
 
     Raises:

@@ -110,7 +110,6 @@ def columns(row: CylinderRow, width: int | None = None) -> tuple[np.ndarray, np.
     """Return the left and the right outline of every cylinder in pixels from the left border.
 
     Args:
-        row: the arrangement.
         width: of the picture in pixels; by default the published one.
     """
     size = row.picture(width)

@@ -146,7 +146,6 @@ def mesh(
     """Return triangles as a Mitsuba mesh.
 
     Args:
-        name: of the mesh.
         vertices: shape (n, 3).
         faces: shape (m, 3).
         bsdf: a loaded Mitsuba BSDF.

@@ -21,7 +21,6 @@ class SceneEntry:
 
     Attributes:
         build: function of a BSDF and the options that returns a Mitsuba dictionary.
-        description: one line for lists.
         options: name of each option and its default.
     """
 

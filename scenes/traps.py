@@ -28,7 +28,6 @@ class Trap:
     """A scene that defeats looks.
 
     Attributes:
-        build: returns its dictionary for the current variant.
         about: what is hard to see in it, one clause.
         converges: the integrator whose picture of it converges.
         spectral: its light is no mixture of red, green and blue.
@@ -80,7 +79,6 @@ def _over_a_floor(
         fov: of the camera, degrees.
         scale: of the camera's distance and the floor; the things are of that scale already.
         film: what is other than usual about it.
-        things: by name.
     """
     origin = scale * (np.array(target) + np.array([0.0, -_FAR, 0.8 * _FAR]))
     camera = {

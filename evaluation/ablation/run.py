@@ -139,7 +139,6 @@ def ablate(
 
     Args:
         scene: what ``plan_scene`` takes.
-        tolerance: for which the scene is planned.
         budget_seconds: for the picture with everything; the others take about as long or less.
         variant, exposure: see ``plan_scene``.
 

@@ -46,7 +46,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        resolution: width of the pictures in pixels.
         rounds: timed turns of each after the first one, at least 2.
 
     Returns:
@@ -72,7 +71,6 @@ def compare(scene: str, material: str, resolution: int, rounds: int) -> dict[str
 
     Args:
         scene: a name from ``BY_HAND``.
-        material: a built-in name or a file.
         resolution, rounds: see ``run``.
 
     Returns:

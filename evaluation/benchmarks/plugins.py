@@ -58,7 +58,6 @@ def run(
     """Run the benchmark.
 
     Args:
-        resolution: width and height of the pictures in pixels.
         rounds: timed renders of each material after the first one.
 
     Returns:

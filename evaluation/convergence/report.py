@@ -26,7 +26,6 @@ def convergence_tables(result: Convergence, every: bool = False) -> list[Any]:
     """Return tables of the settings and the rates, and what follows from them.
 
     Args:
-        result: of ``converge``.
         every: all settings, not only those that nothing beats in both error and time.
     """
     points = list(result.points) if every else _front(result.points)

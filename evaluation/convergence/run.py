@@ -71,7 +71,6 @@ def converge(
 
     Args:
         scene: a Mitsuba dictionary, a loaded scene or a file, for the current variant.
-        tolerance: what counts as good enough.
         integrators, samplers: names from ``INTEGRATORS`` and ``SAMPLERS``, combined with each
             other; the scene's own integrator is left out when it is that of the reference.
         levels: samples per pixel, powers of 4 in rising order.
@@ -119,7 +118,6 @@ def result_so_far(ledger: Ledger, tolerance: Tolerance, left_out: int = 0) -> Co
     """Return what a ledger holds as a result.
 
     Args:
-        ledger: with a reference.
         left_out: settings for which there was no time.
     """
     _, reference = ledger.found_reference()

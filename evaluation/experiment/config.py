@@ -198,9 +198,7 @@ class Experiment(Section):
     Attributes:
         material: name of a built-in material, or a file.
         title: heading of the report; by default the material's name.
-        variant: Mitsuba variant, or ``"auto"``.
         measurement, reconstruction, rendering, comparison: see their classes.
-        scenes: what is rendered, in this order.
     """
 
     material: str = setting(text)

@@ -108,8 +108,6 @@ class MeasurementRunner:
     """Measures and reconstructs one material, keeping what is finished.
 
     Attributes:
-        interpolation: along the slices.
-        folder: where the files go.
         parts, steps: what is finished, and who is told.
     """
 

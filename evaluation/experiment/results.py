@@ -57,7 +57,6 @@ def brdf_errors(
     """Return the errors of a BRDF over all angles, and what it cost to find them.
 
     Args:
-        other: what was reconstructed of it.
         grid: of the directions where they are compared.
         settings: how many of these, and whether all of them as well.
 

@@ -28,9 +28,7 @@ class SceneRenderer:
 
     Attributes:
         key: name of the scene for files.
-        scene: which scene, with which options.
         experiment: samples per pixel, exposure, scale of differences, seed.
-        folder: where the files go.
         parts, steps: what is finished, and who is told.
     """
 
@@ -81,9 +79,6 @@ class SceneRenderer:
 
     def reconstruction(self, key: str, label: str, brdf: Brdf) -> dict[str, Any]:
         """Render a reconstruction and compare it with the reference, which was rendered before.
-
-        Args:
-            label: for people.
 
         Returns:
             The errors, files and cost as plain values.

@@ -104,7 +104,6 @@ def grid_sums(
     at some 100 MB whatever the step.
 
     Args:
-        truth: the reference f.
         approximation: f', or its values as an array of ``grid.shape``.
         squares: also sum the squares and the squares of logarithms (else these are zero).
         log_floor: smallest value of which a logarithm is taken.

@@ -82,7 +82,6 @@ class Comparison(Compared):
         negative: pixels of the reference and of the image with a negative channel, which counts
             as 0.
         difference_scale: s of the difference image 255 − s·|I1 − I2|.
-        maps: the same per pixel.
         made: what was done to the values of each picture, by name, one line each.
     """
 
@@ -150,7 +149,6 @@ class BrdfComparison(Compared):
         rmse: root mean squared error, in 1/sr.
         log_psnr: in dB, infinite for equal BRDFs.
         relative_error: the errors per channel and how they came about.
-        grid: the direction pairs.
         compared: what was compared, where both are BRDFs.
     """
 
@@ -297,7 +295,6 @@ def compare_brdfs(
     """Compare a BRDF with the truth over the whole grid of direction pairs.
 
     Args:
-        truth: the reference f.
         approximation: f', a BRDF or a dense array (theta_i, theta_v, phi_i, phi_v, rgb).
         step_deg, theta_max_deg: see ``AngularGrid``.
 

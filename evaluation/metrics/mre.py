@@ -82,7 +82,6 @@ def mre_exact(
     """Return the MRE over every direction pair of the grid.
 
     Args:
-        truth: the reference f.
         approximation: f', a BRDF or a dense array (theta_i, theta_v, phi_i, phi_v, rgb)
             of the same step.
         step_deg, theta_max_deg: see ``AngularGrid``; the defaults are the thesis's.

@@ -46,10 +46,8 @@ class SharedMre:
     the same for all of one kind, and however they are shared out the estimate is unbiased.
 
     Args:
-        truth: the reference f.
         pilot: an approximation of it like those to come.
         samples: directions of the first level; each further level has four times as many.
-        grid: over which the mean is.
 
     Raises:
         SimrigError: for too few samples.

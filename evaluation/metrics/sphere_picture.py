@@ -49,11 +49,6 @@ class SpherePicture:
     """The picture of a material, to compare those of its reconstructions with.
 
     Selects the automatic variant when none is set.
-
-    Args:
-        truth: the material; one that can be rendered.
-        pixels: width and height.
-        lights: number of directional lights.
     """
 
     def __init__(self, truth: Brdf, pixels: int = 64, lights: int = 16):

@@ -67,7 +67,6 @@ def allocate(strata: Strata, spread: np.ndarray, wanted: int) -> np.ndarray:
 
     Args:
         spread: (strata,) standard deviation within each.
-        wanted: number of samples in total.
     """
     n = strata.grid.thetas
     variance = uniform_filter(spread.reshape(n, n, -1) ** 2, size=(3, 3, 1), mode="nearest")
@@ -92,7 +91,6 @@ class StratifiedMeans:
         standard_error: of the ratio of their sums.
         median: of the relative errors where the truth is not zero; NaN where it is everywhere.
         log: mean of the logarithmic errors.
-        log_standard_error: its standard error.
         excluded: number of sampled values where the truth is zero.
         spread: (strata,) standard deviation within each stratum.
     """

@@ -16,7 +16,6 @@ def fuzz_cases(count: int = FUZZ_PAIRS, seed: int = 0) -> list[HardCase]:
     holds without it includes random bit patterns.
 
     Args:
-        count: number of direction pairs.
         seed: another one draws other pairs.
     """
     try:

@@ -27,7 +27,6 @@ class HardCase:
 
     Attributes:
         name: short, with hyphens.
-        description: what is hard about it.
         wi, wv: illumination and view directions, shape (n, 3), float64.
     """
 

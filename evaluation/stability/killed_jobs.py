@@ -41,7 +41,6 @@ class Job:
     """A command.
 
     Attributes:
-        name: what reports call it.
         variants: its arguments; the runs take turns.
         output: of all of them.
         prepare: writes what the command reads into a new folder.

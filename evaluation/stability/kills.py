@@ -214,7 +214,6 @@ def main(change: int, counted: str, arguments: list[str]) -> None:
     Args:
         change: before which one; 0 never.
         counted: file that takes the number of changes at the end, unless empty.
-        arguments: of the command.
     """
     made, here = 0, os.path.realpath(os.getcwd())
 

@@ -91,8 +91,6 @@ def method_row(
         sensitivity: largest relative change of the reference with 1 ulp of the input.
         condition: condition number of the linear system behind the result; rounding is
             amplified by it.
-        conditioning: what the sensitivity comes from.
-        negative: results of the wrong sign or range.
         single: whether the results are kept in float32.
     """
     finite = np.isfinite(values)

@@ -151,7 +151,6 @@ def plugin_rows(
     """Return the rows of a BSDF of ours: value, density and weight.
 
     Args:
-        name: what the table calls it.
         bsdf: a Mitsuba BSDF made by ``simrig.plugins`` in the current variant.
     """
     drawn, weights = _draw(bsdf, cases)

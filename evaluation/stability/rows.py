@@ -74,7 +74,6 @@ def stability_markdown(rows: Sequence[StabilityRow], every_case: bool = False) -
     """Return the table as Markdown, with a line that sums it up.
 
     Args:
-        rows: from ``stability_suite``.
         every_case: one line per row; otherwise one line per object and precision, with the case
             of its largest relative error (and every unexplained row).
     """

@@ -54,7 +54,6 @@ class MinnaertFit(NamedTuple):
     """What ``fit_minnaert`` found.
 
     Attributes:
-        k, exponent: of the model.
         residual: root mean square of the residuals over that of the values; 0 for no values > 0.
     """
 

@@ -117,7 +117,6 @@ class Mipmap:
         """Return the average over footprints.
 
         Args:
-            levels: what ``levels`` returned.
             look_up: returns the numbers of texels that are averaged: a colour, or
             numbers: that many.
         """

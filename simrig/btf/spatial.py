@@ -25,7 +25,6 @@ class SpatialBrdf(Brdf):
     Every form is linear in the texels, so a filtered look-up is the average of f_r.
 
     Attributes:
-        grid: the measured directions.
         mipmap: the texels of every level.
     """
 
@@ -60,7 +59,6 @@ class SpatialBrdf(Brdf):
 
         Args:
             layer: number of the part.
-            tables: what ``prepare`` returned.
         """
 
     def finish(self, context: Any, layer: Array, average: Array, tables: Any) -> Array:
@@ -99,7 +97,6 @@ class SpatialBrdf(Brdf):
         Args:
             wi, wv: illumination and view, as for ``eval``.
             footprint: where on the tile, numbers of the type of the directions' components.
-            tables: as for ``eval``.
 
         Returns:
             As ``eval``: linear RGB in 1/sr, black for directions that are none.

@@ -216,7 +216,6 @@ def map_arrays(function: Callable[[Array], Array], tables: Any) -> Any:
 
     Args:
         function: of an array; called in the order of the fields.
-        tables: what ``Brdf.prepare`` returned.
     """
     if is_dataclass(tables) and not isinstance(tables, type):
         names = [field.name for field in fields(tables)]

@@ -113,7 +113,6 @@ class Effect(Protocol):
 
     Attributes:
         name: as on the command line, lower case with hyphens.
-        description: one line.
     """
 
     @property

@@ -24,8 +24,6 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> SimrigError:
 
     Args:
         kind: what is named, for example ``"material"``.
-        name: the name that was given.
-        known: every name that would have been accepted.
     """
     names = sorted(known)
     spelt = {_plain(one): one for one in names}  # case and underscores hide no likeness

@@ -25,7 +25,6 @@ class Option:
     Attributes:
         name: as Python takes it, the unit at its end: ``theta_step_deg``.
         type: ``int``, ``float``, ``str`` or ``bool``.
-        about: one line.
         default: what stands when it is not given; None where that depends on other things (then
             ``about`` says on what).
         choices: of a text, the only ones.
@@ -134,7 +133,6 @@ def numbers_of(text: str, what: str, kind: Callable[[str], N]) -> list[N]:
     """Return the numbers of a text such as ``0,30,60``.
 
     Args:
-        text: as it was given.
         what: they are, in the plural, for the message.
         kind: ``int`` or ``float``.
 

@@ -59,7 +59,6 @@ def record_table(
 
     Args:
         columns: what stands under each heading.
-        rows: of named values.
         settings: of ``text_table``.
     """
     made = ([shown(column, row) for column in columns.values()] for row in rows)

@@ -12,12 +12,7 @@ from simrig.database.store import Database
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A database with what is computed from it when it is asked for.
-
-    Attributes:
-        database: the folders.
-        fingerprint: of their content.
-    """
+    """A database with what is computed from it when it is asked for."""
 
     database: Database
     fingerprint: str

@@ -74,7 +74,6 @@ class Posterior:
             wi, wv: (n, 3) directions above the horizon.
             values: (n, 3) f_r in 1/sr; below 0 is taken as 0.
             uncertainty: (n, 3) standard uncertainty of the values, if known.
-            dtype: of the system that is solved.
 
         Raises:
             SimrigError: no sample, or values that are not finite.

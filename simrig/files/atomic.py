@@ -27,7 +27,6 @@ def atomic_write(path: str | Path, suffix: str | None = None) -> Iterator[Path]:
     it points to is replaced.
 
     Args:
-        path: the file.
         suffix: of the temporary name; that of ``path`` unless given.
 
     Raises:

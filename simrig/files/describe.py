@@ -38,7 +38,6 @@ class Description:
         format: what people call it.
         says: what it says about its values, in its own words.
         made: what reading it does to the values, and what is assumed.
-        facts: what is in it.
         use: what simrig makes of it; empty where nothing.
     """
 

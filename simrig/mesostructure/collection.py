@@ -50,8 +50,6 @@ class Recipe:
         name: category and number, such as ``fabric007``.
         category: of Table A.2.
         generator: what makes it, such as ``satin_8`` or ``jersey``: materials alike.
-        structure: its parameters.
-        seed: of the tile.
         bounces: reflections that its average needs.
     """
 
@@ -75,7 +73,6 @@ def collection(count: int = WHOLE, seed: int = 0) -> tuple[Recipe, ...]:
     Args:
         count: of them; fewer than 150 take each category's share, at least one of as many
             categories as there are.
-        seed: of all parameters.
 
     Raises:
         SimrigError: fewer than one, more than 150, or a seed below 0.

@@ -30,7 +30,6 @@ class Nonwoven:
         curl: how much the fibres wind; 0 is straight.
         clump: size of the thicker and thinner places, mm.
         bond: distance of the points where fibres are welded flat, mm; None for felt.
-        look: BSDF of the fibres.
 
     Raises:
         SimrigError: sizes that are not positive, or bonds that do not repeat with the tile.

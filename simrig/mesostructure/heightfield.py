@@ -104,7 +104,6 @@ def surface(
     """Return a height field as triangles that cover the tile exactly, edge to edge.
 
     Args:
-        grid: where the values stand.
         height: (rows, columns) mm.
         bsdf: see ``Part``.
         colours: (rows, columns, 3) linear RGB albedo, or None.

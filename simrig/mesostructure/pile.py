@@ -30,7 +30,6 @@ class Pile:
         density: fibres per mm².
         radius: of a fibre, mm.
         lean: how far the tips are combed towards −y, over the height.
-        look: BSDF of the fibres.
 
     Raises:
         SimrigError: sizes that are not positive, or a width that is no multiple of the wale.

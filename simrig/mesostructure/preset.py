@@ -32,7 +32,6 @@ class Preset:
 
     Attributes:
         name, group, description: see ``Tile``.
-        structure: what it is made of.
         resolution: steps along the longer side of the tile unless asked otherwise.
     """
 

@@ -111,7 +111,6 @@ def spindles(
     """Return marks at random, 1 in the middle of each and 0 outside, (rows, columns).
 
     Args:
-        marks: how many, and how large.
         likely: (rows, columns) chance to keep a mark at a place, 0 to 1; None keeps all.
     """
     centres = scattered(grid.size_mm, marks.per_mm2**-0.5, rng, marks.evenness)

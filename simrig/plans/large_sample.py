@@ -91,7 +91,6 @@ class LargeSamplePlan(Plan):
         """Return the plan that options give; where the data end early it reads less.
 
         Args:
-            material: that will be measured.
             samples: at most so many: fewer pictures and fewer points, in equal parts.
             options: fields of the plan.
 

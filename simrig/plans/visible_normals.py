@@ -239,8 +239,6 @@ class VisibleNormalsPlan(Plan):
         """Return the grids that values of retro-reflection (n, 3) lead to.
 
         Args:
-            sizes: of what is measured.
-            retro: the values.
             finer: how many times as many nodes the grids have.
         """
         luminance = (retro @ LUMINANCE).reshape(-1, sizes.columns)

@@ -25,7 +25,6 @@ def sampled_pass(
 
     Args:
         scene: a loaded scene, in a variant that is vectorised.
-        sensor: one of its sensors.
         integrator: one that finds radiance along rays.
         spp: samples per pixel, a number that the sampler draws without rounding.
         sampler: plugin name of a sampler.

@@ -145,7 +145,6 @@ def draw_distance_map(
 
     Args:
         picture: linear RGB of the same size.
-        exposure: of the picture.
 
     Raises:
         SimrigError: a picture of another size.

@@ -23,7 +23,6 @@ def draw_sheet(
     """Draw one column for each picture.
 
     Args:
-        path: a PNG.
         truths: (180,) true profile of each over the azimuth in steps of 1°, at θ_i = 50°, θ_v = 0.
     """
     columns = [found] if isinstance(found, Analysed) else list(found)

@@ -110,8 +110,6 @@ def distances_mm(
     Args:
         source: ``"predicted"`` of the materials at hand, or ``"groups"``: what the thesis says of
             the groups of the room's own materials.
-        materials: of ``room_materials``.
-        progress: of the prediction.
 
     Raises:
         SimrigError: another source, or what ``predicted_distances_mm`` refuses.
@@ -203,11 +201,7 @@ def range_map_m(resolution: int) -> np.ndarray:
 
 
 def far_share(distances_mm: Mapping[str, float], resolution: int) -> float:
-    """Return the share of the pixels that face a lamp for which ``switched`` takes the BRDF.
-
-    Args:
-        distances_mm: of each part.
-    """
+    """Return the share of the pixels that face a lamp for which ``switched`` takes the BRDF."""
     markers = {
         part: {"type": "simrig_lod", "distance": distance, "near": _BLACK, "far": _WHITE}
         for part, distance in distances_mm.items()

@@ -32,7 +32,6 @@ class Job:
     """A way to fill the array.
 
     Attributes:
-        by: how.
         run: does it, for ``pairs`` of the ``of`` direction pairs that the array needs.
         pairs, of: equal unless the time has to be extrapolated.
     """

@@ -55,7 +55,6 @@ def run(
 
     Args:
         samples: of the slices; the densest uniform scheme with no more is the others'.
-        rounds: timed calls of each.
         part: direction pairs of what is timed on a part; fewer for splines.
 
     Returns:

@@ -74,7 +74,6 @@ def with_profile(model: KrigingModel, final: bool = False) -> KrigingModel:
     """Return the model with the curve of theta_h that its samples share, where that helps.
 
     Args:
-        model: with or without one.
         final: see ``fit_model``.
     """
     if not model.symmetry.isotropic:

@@ -55,8 +55,6 @@ class KrigingModel:
     """Samples with coordinates in which their logarithms are interpolated.
 
     Attributes:
-        samples: what was measured.
-        coordinates: fitted to them.
         transform: to logarithms.
         level: typical f_r · cos(theta_i)^power in a picture.
         parameters: of the coordinates, to start another fit from.

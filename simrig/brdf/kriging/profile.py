@@ -35,7 +35,6 @@ class Profile:
     """A curve over theta_h that is added to logarithms, linear between even steps.
 
     Attributes:
-        stretch: of theta_h.
         values: (m, 3) at even steps of the stretched angle.
     """
 

@@ -45,9 +45,6 @@ class Samples:
 
         A plan measures a pair again that contradicts all others about it (see
         ``simrig.brdf.kriging.outliers``).
-
-        Args:
-            wi, wv, values, theta_i_max, theta_v_max, again: see the class.
         """
         again = np.zeros(len(values), dtype=bool) if again is None else again
         _, first, own = np.unique(

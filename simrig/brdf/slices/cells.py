@@ -122,7 +122,6 @@ def surface_in_cell(
     Args:
         read: gives the colour at an index of a table (pairs, a_n + 1, 2·a_n + 1).
         pair: number of the pair.
-        azimuths: the cell.
         a_n: axial slices of a subspace.
     """
     start = (pair * (a_n + 1) + azimuths.row) * (2 * a_n + 1) + azimuths.column
@@ -162,8 +161,6 @@ def corners(
 
     Args:
         interval_i, interval_v: the interval of each polar angle, and where in it.
-        phi: azimuths of illumination and view.
-        azimuths: their cell.
         a_n: axial slices of a subspace.
         one_pole: as ``SliceLayout``.
     """

@@ -251,7 +251,6 @@ class HighlightSlices(SliceBrdf):
 
         Args:
             knots: numbers of the measured polar angles.
-            theta: the given polar angles.
             azimuths: the given mean azimuth and half azimuth difference.
         """
         lay, xp = self.layout, namespace(theta[0])

@@ -44,7 +44,6 @@ class Assembled:
     """A BRDF from samples.
 
     Attributes:
-        brdf: the table.
         how: what was done, for people.
     """
 

@@ -50,7 +50,6 @@ class HalfDifferenceTable(Brdf):
 
     Args:
         logs: (n_theta_h, n_phi_h, n_theta_d, n_phi_d, 3), finite; n_phi_h is 1 when isotropic.
-        symmetry: of the material.
         stretch: of theta_h.
         floor: under the logarithm, >= 0, in the unit of f_r.
         power: of the cosine of theta_i, 0 or 1.

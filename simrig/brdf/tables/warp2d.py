@@ -130,7 +130,6 @@ def invert(
 
     Args:
         density, marginal, conditional: as made by ``distribution``, flat on a device.
-        stack: the tables and weights.
         size: (height, width) of a table.
     """
     height, width = size

@@ -99,7 +99,6 @@ def nodes(axis: Axis, count: int, stored: np.ndarray | None) -> tuple[np.ndarray
     """Return the nodes of an axis in degrees, and where they come from.
 
     Args:
-        axis: what was said of it.
         count: its length in the array.
         stored: nodes that the file holds, in degrees, None without.
 

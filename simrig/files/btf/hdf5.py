@@ -184,9 +184,6 @@ def write_btf(path: str | Path, stack: BtfStack, dtype: type | None = None) -> P
     Args:
         path: the file; it takes this name only when it is complete.
         dtype: of the stored values; by default that of the stack.
-
-    Returns:
-        The path.
     """
     kind = stack.values.dtype.type if dtype is None else dtype
     size, about = stack.size_mm, stack.provenance

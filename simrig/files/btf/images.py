@@ -77,8 +77,6 @@ def import_btf(
         path: the HDF5 file.
         size_mm: width and height of the tile (the databases give dots per inch: pixels · 25.4 /
             DPI).
-        values: what the pictures hold.
-        dtype: of the stored values.
 
     Raises:
         SimrigError: as ``find_btf_images``; damaged pictures or ones of another size, named.

@@ -145,7 +145,6 @@ class BtfWriter(BtfRecording):
     of the same BTF has them.
 
     Args:
-        path: the final file.
         angles: theta_i, theta_v, phi_i, phi_v in radians, shape (pairs, 4).
         resolution: height and width in texels.
         size_mm: width and height of the tile.

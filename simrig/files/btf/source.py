@@ -41,11 +41,9 @@ class BtfPictures:
     """The pictures of a BTF; as a context manager an archive stays open for all of them.
 
     Attributes:
-        source: the folder or archive.
         names: of the pictures, paths below the source.
         angles: theta_i, theta_v, phi_i, phi_v in radians, shape (n, 4): by polar angle and azimuth
             of the illumination, then of the view.
-        skipped: other files.
     """
 
     source: Path

@@ -38,7 +38,6 @@ class _Layer:
     """Channels of one part that make a picture.
 
     Attributes:
-        part: number of the part.
         name: what people would call it: the part's name, then the layer's.
         kind: ``"rgb"``, ``"xyz"``, ``"chroma"`` or ``"grey"``.
         channels: full names, in the order of ``kind``.

@@ -64,7 +64,6 @@ def colour_space(header: dict[str, Any], what: str, xyz: bool) -> ColourSpace:
     """Return the colour space of a part.
 
     Args:
-        header: its attributes.
         what: the file, for messages.
         xyz: its channels are named X, Y, Z.
 

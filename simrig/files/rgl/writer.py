@@ -67,7 +67,6 @@ def write_rgl(path: str | Path, brdf: Brdf, resolution: RglResolution | None = N
 
     Args:
         path: the file, ending in ``.bsdf`` by custom.
-        resolution: sizes of the tables.
 
     Returns:
         The size of the file in bytes.

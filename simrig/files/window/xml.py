@@ -175,7 +175,6 @@ def wavelength_data(colour: str, side: str, basis: str, values: str) -> str:
         colour: ``Visible``, ``CIE-X``, ``CIE-Z``, ``CIE-u`` or ``CIE-v``.
         side: ``"front"`` or ``"back"``.
         basis: the XML that names the basis of angles.
-        values: the text of the data.
     """
     return f"""<WavelengthData>
 <LayerNumber>System</LayerNumber>

@@ -122,7 +122,6 @@ def rasterised(edges: np.ndarray, mass: np.ndarray, count: int) -> np.ndarray:
     Args:
         edges: lower and upper ends of the intervals in nodes, (t, 2, m).
         mass: of the intervals, (m,) or (t, m).
-        count: of nodes.
     """
     low, high = edges[:, 0] + 0.5, edges[:, 1] + 0.5  # node k reaches from k to k + 1 now
     width = np.maximum(high - low, 1e-9)

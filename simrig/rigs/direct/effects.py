@@ -66,7 +66,6 @@ class RigEffect:
     """One effect of a rig (see ``simrig.core.effects.Effect``).
 
     Attributes:
-        name: as on the command line.
         deviation: bounds every value's change.
         evaluations: of f_r per sample that simulating it takes, alone.
     """

@@ -77,7 +77,6 @@ def record(
     Args:
         angles: (n, 4) theta_i, theta_v, phi_i, phi_v that were asked for, in radians.
         effects: names of those that are simulated (see ``simrig.rigs.direct.effects``).
-        pairs: of nodes of the quadrature.
 
     Returns:
         (n, 3) linear RGB in 1/sr, >= 0.
@@ -296,7 +295,6 @@ def recorded_uncertainty(
     Args:
         values: (n, 3) recorded.
         angles: (n, 4) that were asked for, in radians.
-        effects: that are simulated.
     """
     if "noise" not in effects:
         return None

@@ -97,7 +97,6 @@ def stimulus_stack(
         directions: the scheme of both directions, likewise.
         tile_steps: of the structure that is measured (``build_tile``).
         bounces: how often light is reflected at most in a measurement (``measure_btf``).
-        variant: Mitsuba variant that measures.
         folder: for what is measured now, which is read from there the next time (``kept_btf``).
         progress: of a measurement: called with views done and in total.
 

@@ -134,7 +134,6 @@ def write_frames(
 
     Args:
         folder: exists.
-        count: number of frames.
         speed_deg: degrees per second.
         suffix: ``".png"`` or ``".exr"``.
 
