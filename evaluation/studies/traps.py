@@ -35,8 +35,8 @@ from simrig.evaluation.studies.plan_validation import SCENE_OPTIONS
 from simrig.files.load import load_material
 from simrig.planning import plan_scene, planned_render, planned_subject, verified_render
 from simrig.planning.integrators import hides_emitters
-from simrig.planning.view import SAMPLER
 from simrig.plugins import make_bsdf
+from simrig.rendering import multijitter
 from simrig.rendering import render as rendering
 from simrig.scenes import build_scene
 from simrig.scenes.traps import PARTICLES, PATHS, TRAPS
@@ -109,7 +109,7 @@ def _reference(scene: Any, converges: str, seconds: float, error: float) -> Repl
     if converges != PARTICLES:
         integrator["hide_emitters"] = hides_emitters(scene)
     made = rendering.made_integrator(integrator)
-    sampler = "independent" if converges == PARTICLES else SAMPLER
+    sampler = "independent" if converges == PARTICLES else multijitter.NAME
 
     def good(so_far: Replicates) -> bool:
         exposure = rendering.display_exposure(so_far.image)

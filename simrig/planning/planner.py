@@ -54,7 +54,7 @@ from simrig.planning.planned import direct_light
 from simrig.planning.probe import PATH_SAMPLES, probe
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
-from simrig.planning.view import SAMPLER
+from simrig.rendering import multijitter
 from simrig.rendering import render as rendering
 
 LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
@@ -162,7 +162,7 @@ def plan_subject(
         "variant": backend.current(),
     }
     if not followed and subject.view.stratified:
-        settings["sampler"] = SAMPLER
+        settings["sampler"] = multijitter.NAME
     if subject.source.sensor:
         settings["sensor"] = subject.source.sensor
     if lights is not None:

@@ -12,12 +12,12 @@ import numpy as np
 
 from simrig.planning import rays
 from simrig.planning.integrators import hides_emitters
+from simrig.rendering.multijitter import multijitter
 from simrig.rendering.sampled_pass import takes_colours
 
 PIXELS = 1024  # looked at, at most
 SEED = 20_240_607  # plans are reproducible
 GROUPS = 4  # into which the samples of a pixel fall
-SAMPLER = "multijitter"  # of pictures that are planned: stratified in every pair of dimensions
 _CANDIDATES, _TRIES = 16 * PIXELS, 16  # pixels of which those are chosen, and rays through each
 _STEPS = 256  # of the half of a reconstruction filter
 
@@ -102,7 +102,7 @@ class View:
         silhouette enters.
         """
         count = len(pixels) * _TRIES
-        drawn = _sampler(_TRIES, SEED + 7, count)
+        drawn = multijitter(_TRIES, SEED + 7, count)
         index = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, _TRIES)
         corner = [dr.gather(mi.Float, rays.on_device(axis), index) for axis in pixels.T]
         number = dr.arange(mi.UInt32, count) % dr.opaque(mi.UInt32, _TRIES)
@@ -198,7 +198,7 @@ class View:
         if each * groups != samples:
             raise ValueError(f"{samples} samples do not fall into {groups} equal groups")
         count = len(self.chosen) * samples
-        drawn = _sampler(each, seed, count)
+        drawn = multijitter(each, seed, count)
         pixel = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, samples)
         corner = [dr.gather(mi.Float, rays.on_device(axis), pixel) for axis in self.chosen.T]
         return (drawn, *self._through(corner, drawn, count))
@@ -221,7 +221,7 @@ class View:
     ) -> np.ndarray:
         """Return what an integrator finds in random pixels of blocks, (m · samples, 3)."""
         count = len(blocks) * samples
-        drawn = _sampler(samples, seed, count)
+        drawn = multijitter(samples, seed, count)
         block = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, samples)
         low_x, low_y, width, height = (
             dr.gather(mi.Float, rays.on_device(axis), block) for axis in blocks.T
@@ -271,11 +271,3 @@ def _some(pixels: np.ndarray, most: int) -> np.ndarray:
     if len(pixels) <= most:
         return pixels
     return pixels[(np.arange(most) * len(pixels) / max(most, 1)).astype(np.int64)]
-
-
-def _sampler(each: int, seed: int, count: int) -> Any:
-    """Return a sampler of ``count`` numbers that is stratified in runs of ``each``."""
-    drawn = mi.load_dict({"type": SAMPLER, "sample_count": each})
-    drawn.set_samples_per_wavefront(each)
-    drawn.seed(seed, count)
-    return drawn

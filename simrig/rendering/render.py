@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from simrig.core.progress import Progress
 from simrig.core.shown import Exhibit, Shown
 from simrig.files.images import to_srgb8
 from simrig.plugins.make import building
+from simrig.rendering import multijitter
 from simrig.rendering.film import film_colours
 from simrig.rendering.pixel_samples import ControlSamples, pixel_directions
 from simrig.rendering.sampled_pass import sampled_pass, takes_colours
@@ -175,7 +175,7 @@ def render(
     _check_whole("the seed", seed, least=0)
     integrator, name = _integrator(integrator, scene)
     width, height = camera.film().crop_size()
-    passes = _passes(int(spp), int(width * height), samples_per_pass, sampler == "multijitter")
+    passes = _passes(int(spp), int(width * height), samples_per_pass, sampler == multijitter.NAME)
     # one stream per pass and seed; consecutive numbers would share passes between seeds
     seeds = np.random.SeedSequence(int(seed)).generate_state(len(passes))
 
@@ -278,15 +278,9 @@ def _stratified_passes(spp: int, most: int) -> list[int]:
     passes = [full] * (spp // full) if spp > most else []
     left = spp - sum(passes)
     while left:
-        passes.append(next(n for n in range(min(left, most), 0, -1) if is_grid(n)))
+        passes.append(next(n for n in range(min(left, most), 0, -1) if multijitter.is_grid(n)))
         left -= passes[-1]
     return passes
-
-
-def is_grid(count: int) -> bool:
-    """Return whether ``multijitter`` draws a number of samples without rounding it."""
-    root = math.isqrt(count)
-    return count % root == 0 if root else False
 
 
 def display_exposure(image: np.ndarray, percentile: float = 99.0, level: float = 0.8) -> float:

@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from simrig.core.errors import SimrigError
+from simrig.rendering import multijitter
 
 _FEWEST_TO_COALESCE = 4  # samples per pixel, as Mitsuba has it
 
@@ -33,17 +34,9 @@ def sampled_pass(
         SimrigError: the sampler would draw another number of samples.
     """
     film = _film_like(sensor.film())
-    drawn = mi.load_dict({"type": sampler, "sample_count": spp})
-    if drawn.sample_count() != spp:
-        raise SimrigError(
-            f"the sampler '{sampler}' cannot draw {spp} samples per pixel, only "
-            f"{drawn.sample_count()} or others like it"
-        )
     columns, rows = (int(n) for n in film.crop_size())
-    count = columns * rows * spp
     with dr.suspend_grad():
-        drawn.set_samples_per_wavefront(spp)
-        drawn.seed(seed, count)
+        drawn = _seeded(sampler, spp, seed, columns * rows * spp)
         film.prepare([])
         ray, weight, place = _rays(sensor, film, drawn, spp, (columns, rows))
         value, _, _ = integrator.sample(scene, drawn, ray)
@@ -53,6 +46,21 @@ def sampled_pass(
         block.put(place, [colour.x, colour.y, colour.z, mi.Float(1.0)])
         film.put_block(block)
         return np.array(film.develop(), dtype=np.float32)[..., :3]
+
+
+def _seeded(sampler: str, spp: int, seed: int, count: int) -> Any:
+    """Return a sampler of ``count`` sequences in runs of ``spp``."""
+    if sampler == multijitter.NAME and multijitter.is_grid(spp):
+        return multijitter.multijitter(spp, seed, count)
+    drawn = mi.load_dict({"type": sampler, "sample_count": spp})
+    if drawn.sample_count() != spp:
+        raise SimrigError(
+            f"the sampler '{sampler}' cannot draw {spp} samples per pixel, only "
+            f"{drawn.sample_count()} or others like it"
+        )
+    drawn.set_samples_per_wavefront(spp)
+    drawn.seed(seed, count)
+    return drawn
 
 
 def takes_colours(film: Any) -> bool:
