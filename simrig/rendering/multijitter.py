@@ -45,7 +45,7 @@ class _Cells:
 
     def divided(self, dividend: Any) -> tuple[Any, Any]:
         """Return quotient and remainder; processors divide vectors of whole numbers one by one."""
-        quotient = dr.mul_hi(dividend, self._reciprocal)  # too small by one at most
+        quotient: Any = dr.mul_hi(dividend, self._reciprocal)  # too small by one at most
         rest = dividend - quotient * self.number
         over = rest >= self.number
         return quotient + dr.select(over, 1, 0), dr.select(over, rest - self.number, rest)
@@ -86,12 +86,14 @@ def _sampler_of(variant: str) -> Any:
             super().__init__(mi.Properties())
             rows = math.isqrt(spp)
             self.cells, self.columns, self.rows = _Cells(spp), _Cells(spp // rows), _Cells(rows)
+            whole: Any = mi.UInt64  # types that the stubs do not tell
+            scrambled: Any = mi.sample_tea_32
             number, start = dr.arange(mi.UInt32, count), dr.opaque(mi.UInt32, seed)
             self.random = mi.PCG32(count)
-            self.random.seed(*map(mi.UInt64, mi.sample_tea_32(start, number)))
+            self.random.seed(*map(whole, scrambled(start, number)))
             _, self.index = self.cells.divided(number)
             of_run = number - self.index + start
-            self.permutation, _ = mi.sample_tea_32(dr.opaque(mi.UInt32, 0), of_run)
+            self.permutation, _ = scrambled(dr.opaque(mi.UInt32, 0), of_run)
             self.dimension = dr.opaque(mi.UInt32, 0)
 
         def next_1d(self, active: Any = True) -> Any:
