@@ -86,10 +86,11 @@ def _sampler_of(variant: str) -> Any:
             super().__init__(mi.Properties())
             rows = math.isqrt(spp)
             self.cells, self.columns, self.rows = _Cells(spp), _Cells(spp // rows), _Cells(rows)
-            whole: Any = mi.UInt64  # types that the stubs do not tell
+            whole: Any = mi.UInt64  # the stubs do not tell these types
             scrambled: Any = mi.sample_tea_32
+            generator: Any = mi.PCG32
             number, start = dr.arange(mi.UInt32, count), dr.opaque(mi.UInt32, seed)
-            self.random = mi.PCG32(count)
+            self.random = generator(count)
             self.random.seed(*map(whole, scrambled(start, number)))
             _, self.index = self.cells.divided(number)
             of_run = number - self.index + start
