@@ -10,7 +10,6 @@ import pytest
 from refusals import refused
 from simrig.brdf import Brdf, Lambert, evaluate, kurt_material
 from simrig.core.arrays import components, vector
-from simrig.core.errors import SimrigError
 from simrig.directions import to_angles, to_vector, wrap_angle
 from simrig.plans.along_slices import SlicePlan
 from simrig.plans.placement import SlicePlacement
@@ -104,28 +103,6 @@ def _coloured(pixels: np.ndarray, colour: str) -> int:
     return int((np.abs(pixels - wanted).max(axis=2) < 90).sum())
 
 
-def test_figure_shows_the_picture_and_the_slices(tmp_path):
-    material = Lambert((0.1, 0.1, 0.1))
-    plain = brdf_figure(material, azimuth_step_deg=30.0, exposure=1.0)
-    assert plain.startswith(b"\x89PNG")
-    placement = SlicePlacement.from_degrees(40, 90)
-    path = tmp_path / "figure.png"
-    drawn = brdf_figure(
-        material,
-        azimuth_step_deg=30.0,
-        exposure=1.0,
-        placement=placement,
-        slices=tuple(SLICE_COLOURS),
-        path=path,
-    )
-    assert path.read_bytes() == drawn
-    before, after = _pixels(plain), _pixels(drawn)
-    for colour in SLICE_COLOURS.values():
-        assert _coloured(after, colour) > 100 + _coloured(before, colour)
-    with pytest.raises(SimrigError, match="did you mean 'axial'"):
-        brdf_figure(material, azimuth_step_deg=30.0, placement=placement, slices=("axal",))
-
-
 @pytest.fixture(scope="module")
 def measurement():
     placement = SlicePlacement.from_degrees(40, 90)
@@ -148,14 +125,16 @@ def test_samples_lie_where_the_picture_has_their_value(measurement):
     assert ((lower < theta_v) & (theta_v < upper)).all()
 
 
-def test_figure_shows_the_samples_of_a_measurement(measurement):
-    material, placement = kurt_material("yellow_satin"), measurement.plan.placement
-    options = {"azimuth_step_deg": 12.0, "exposure": 1.0}  # dark, so that white dots stand out
-    with_samples = _pixels(brdf_figure(material, measurement=measurement, **options))
-    without = _pixels(brdf_figure(material, placement=placement, **options))
-    _, _, inside = sample_positions(measurement, placement.thetas)
+def test_figure_shows_slices_and_samples_of_a_measurement(measurement):
+    plain = brdf_figure(kurt_material("yellow_satin"))
+    assert plain.startswith(b"\x89PNG")
     inner = (slice(200, -200), slice(200, -200))  # no legend, labels or margins
-    more = _coloured(with_samples[inner], "#ffffff") - _coloured(without[inner], "#ffffff")
+    before = _pixels(plain)[inner]
+    after = _pixels(brdf_figure(kurt_material("yellow_satin"), measurement))[inner]
+    for colour in SLICE_COLOURS.values():
+        assert _coloured(after, colour) > 100 + _coloured(before, colour)
+    _, _, inside = sample_positions(measurement, measurement.plan.placement.thetas)
+    more = _coloured(after, "#ffffff") - _coloured(before, "#ffffff")
     assert more > inside.sum() / 2  # some lie under the margin or each other
 
 
@@ -164,6 +143,6 @@ def test_figure_leaves_matplotlib_as_it_was():
     import matplotlib.pyplot as pyplot
 
     before = dict(matplotlib.rcParams), matplotlib.get_backend()
-    brdf_figure(Lambert(), azimuth_step_deg=60.0)
+    brdf_figure(Lambert())
     assert (dict(matplotlib.rcParams), matplotlib.get_backend()) == before
     assert pyplot.get_fignums() == []

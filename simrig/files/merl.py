@@ -14,23 +14,20 @@ from pathlib import Path
 import numpy as np
 
 from simrig.brdf.tables.isotropic import MERL_SHAPE, IsotropicTable, fill_invalid
-from simrig.core.errors import SimrigError, check_known
+from simrig.core.errors import SimrigError
 from simrig.files.atomic import atomic_write, existing_file
 
 SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
 _LARGEST = 1e35  # what single precision holds, with room for the scales
-INVALID = ("fill", "black", "refuse")
 _HEADER = 12
 SIZE = _HEADER + 24 * int(np.prod(MERL_SHAPE))
 
 
-def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -> IsotropicTable:
+def read_merl(path: str | Path) -> IsotropicTable:
     """Read a MERL file.
 
-    Args:
-        invalid: what a bin gets in which any channel is negative: ``"fill"`` the value of the
-            nearest measured bin (phi_d periodic), ``"black"`` zero, ``"refuse"`` an error.
-        lookup: ``"linear"``, or ``"nearest"`` as in the database's own code.
+    A bin in which any channel is negative was not measured: it gets the value of the nearest
+    measured bin (phi_d periodic).
 
     Returns:
         A table whose attribute ``invalid_bins`` says how many bins were not measured.
@@ -38,7 +35,6 @@ def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -
     Raises:
         SimrigError: other dimensions, a truncated or too long file, NaN or infinite values.
     """
-    check_known("treatment of invalid MERL bins", invalid, INVALID)
     path = existing_file(path)
     shape = _checked_shape(path)
     planes = np.fromfile(path, dtype="<f8", offset=_HEADER).reshape(3, *shape)
@@ -52,12 +48,10 @@ def read_merl(path: str | Path, invalid: str = "fill", lookup: str = "linear") -
     valid = np.all(values >= 0.0, axis=-1)
     missing = int(valid.size - valid.sum())
     values = values * SCALE
-    if missing and invalid == "refuse":
-        raise SimrigError(f"'{path}' has {missing} of {valid.size} bins that were not measured")
     if missing == valid.size:
         raise SimrigError(f"'{path}' has no measured bin: every value is negative")
-    filled = fill_invalid(values, valid) if invalid == "fill" else values * valid[..., None]
-    table = IsotropicTable(np.abs(filled).astype(np.float32), lookup, name=path.stem)
+    filled = np.abs(fill_invalid(values, valid))
+    table = IsotropicTable(filled.astype(np.float32), name=path.stem)
     table.invalid_bins = missing
     return table
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
 from simrig.brdf.protocol import Brdf
-from simrig.core.errors import check_known
 from simrig.directions.spherical import TWO_PI, wrap_angle
 from simrig.files.images import to_srgb8
 from simrig.plans.placement import SlicePlacement
@@ -21,65 +19,42 @@ from simrig.rigs.measurements.measurement import Measurement
 from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture, check_thetas
 from simrig.viewing.plots import finish_figure, new_figure
 
-# the colours of thesis Figure 5.2
-SLICE_COLOURS = {
-    "axial": "#ff2020",
-    "diagonal": "#3060ff",
-    "horizontal": "#10c010",
-    "vertical": "#00c8d8",
-}
+SLICE_COLOURS = {"axial": "#ff2020", "diagonal": "#3060ff"}  # of thesis Figure 5.2
 _SAME_THETA = 1e-6  # radians
 
 
 def brdf_figure(
-    brdf: Brdf,
-    *,
-    thetas_deg: Sequence[float] | None = None,
-    azimuth_step_deg: float = 3.0,
-    exposure: float | None = None,
-    placement: SlicePlacement | None = None,
-    measurement: Measurement | None = None,
-    slices: Sequence[str] = ("axial", "diagonal"),
-    title: str | None = None,
-    path: str | Path | None = None,
+    brdf: Brdf, measurement: Measurement | None = None, title: str | None = None
 ) -> bytes:
-    """Draw the BRDF picture with labelled axes and, if wished, slices and samples over it.
+    """Draw the BRDF picture with labelled axes, and a measurement's slices and samples over it.
+
+    Tiles are every 15° from 0 to 75°, those of a measurement at its polar angles. The exposure,
+    chosen by ``brdf_exposure``, is stated in the figure.
 
     Args:
-        elevations_deg: those of the tiles; by default those of the placement, else 0…75 by 15.
-        azimuth_step_deg: size of a pixel.
-        exposure: factor to f_r before it is shown; chosen by ``brdf_exposure`` and stated
-            in the figure by default.
-        placement: draw the slices of this placement.
-        measurement: draw its samples as dots; also gives the placement.
-        slices: which kinds are drawn: ``axial``, ``diagonal``, ``horizontal``, ``vertical``.
+        measurement: along slices; draw its axial and diagonal slices, and its samples as dots.
         title: above the picture; the reflectance's name by default.
-        path: where to write the PNG as well.
 
     Returns:
         PNG bytes.
 
     Raises:
-        SimrigError: see ``brdf_picture``; an unknown kind of slices.
+        SimrigError: see ``brdf_picture``.
     """
-    placement = placement or (full_slices(measurement)[0] if measurement else None)
-    if thetas_deg is None:
-        known = THETAS_DEG if placement is None else np.degrees(placement.thetas)
-        thetas_deg = tuple(float(e) for e in known)
+    placement = full_slices(measurement)[0] if measurement else None
+    thetas_deg = THETAS_DEG if placement is None else np.degrees(placement.thetas).tolist()
     thetas = np.radians(check_thetas(thetas_deg))
-    picture = brdf_picture(brdf, thetas_deg, azimuth_step_deg)
-    exposure = brdf_exposure(picture) if exposure is None else exposure
+    picture = brdf_picture(brdf, thetas_deg)
+    exposure = brdf_exposure(picture)
     figure = new_figure(9.0, 9.7)
     panel = figure.subplots()
     count = len(thetas)
     panel.imshow(to_srgb8(picture, exposure), extent=(0, count, count, 0), interpolation="nearest")
     legend: list[Line2D] = []
-    if placement is not None:
-        legend += _draw_slices(panel, placement, count, slices, measured=measurement is not None)
-    if measurement is not None:
-        legend += _draw_samples(panel, measurement, thetas)
     note = f"shown as sRGB, white is {1.0 / exposure:.3g} 1/sr (exposure {exposure:.3g})"
-    if measurement is not None:
+    if measurement is not None and placement is not None:
+        legend += _draw_slices(panel, placement, count)
+        legend += _draw_samples(panel, measurement, thetas)
         note += "; tiles with θ_i > θ_v follow by reciprocity"
     _label(panel, thetas_deg, note)
     panel.set_title(title if title is not None else brdf.name, fontsize=13)
@@ -87,7 +62,7 @@ def brdf_figure(
         figure.legend(
             handles=legend, loc="outside upper center", ncols=4, frameon=False, fontsize=9
         )
-    return finish_figure(figure, path)
+    return finish_figure(figure)
 
 
 def _label(panel: Axes, thetas_deg: Sequence[float], note: str) -> None:
@@ -108,26 +83,13 @@ def _label(panel: Axes, thetas_deg: Sequence[float], note: str) -> None:
     panel.set_ylim(count, 0)
 
 
-def _draw_slices(
-    panel: Axes, placement: SlicePlacement, count: int, kinds: Sequence[str], measured: bool
-) -> list[Line2D]:
-    """Draw the slices of a placement and return their legend entries.
-
-    Args:
-        count: number of polar angles in the picture.
-        measured: only in the tiles that a rig measures, theta_i <= theta_v.
-    """
-    azimuths = placement.azimuth_count
-    tiles = [(r, c) for r in range(1, count) for c in range(r if measured else 1, count)]
+def _draw_slices(panel: Axes, placement: SlicePlacement, count: int) -> list[Line2D]:
+    """Draw slices in the tiles that a rig measures, theta_i <= theta_v; return their legend."""
+    tiles = [(row, column) for row in range(1, count) for column in range(row, count)]
     handles = []
-    for kind in kinds:
-        check_known("kind of slices", kind, SLICE_COLOURS)
-        if kind in ("axial", "diagonal"):
-            own = list(_tile_segments(azimuths, rising=kind == "axial"))
-            segments = [np.add(s, (column, row)) for row, column in tiles for s in own]
-        else:
-            segments = list(_theta_segments(azimuths, count, kind == "horizontal"))
-        colour = SLICE_COLOURS[kind]
+    for kind, colour in SLICE_COLOURS.items():
+        own = list(_tile_segments(placement.azimuth_count, rising=kind == "axial"))
+        segments = [np.add(s, (column, row)) for row, column in tiles for s in own]
         panel.add_collection(LineCollection(segments, colors=colour, linewidths=0.6, alpha=0.7))
         handles.append(Line2D([], [], color=colour, label=f"{kind} slices"))
     return handles
@@ -146,15 +108,6 @@ def _tile_segments(azimuths: int, rising: bool) -> Iterator[np.ndarray]:
             parts = (((at, 0.0), (0.0, at)), ((1.0, at), (at, 1.0)))
         for part in parts:
             yield np.array(part)
-
-
-def _theta_segments(azimuths: int, count: int, horizontal: bool) -> Iterator[np.ndarray]:
-    """Yield the horizontal (theta_v changes) or vertical slices across all tiles."""
-    for tile in range(1, count):
-        for k in range(2 * azimuths):  # axial and diagonal slices cross at half the azimuth step
-            at = tile + k / (2 * azimuths)
-            line = np.array([(0.0, at), (count, at)])
-            yield line if horizontal else line[:, ::-1]
 
 
 def sample_positions(
