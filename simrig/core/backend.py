@@ -18,7 +18,7 @@ from simrig.core.errors import SimrigError, unknown_name
 
 
 @contextmanager
-def _native_messages_muted() -> Iterator[None]:
+def native_messages_muted() -> Iterator[None]:
     """Discard what native code writes to file descriptor 2 (Python's streams are untouched)."""
     try:
         saved = os.dup(2)
@@ -36,7 +36,7 @@ def _native_messages_muted() -> Iterator[None]:
 
 # Dr.Jit looks for LLVM while it is imported, and prints lines of its own when there is none;
 # the checks below say it in one line, with the cure.
-with _native_messages_muted():
+with native_messages_muted():
     import drjit as dr
 
 OLDEST_LLVM = 16

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from simrig.core.backend import native_messages_muted
 from simrig.core.errors import SimrigError, check_known
 from simrig.files.atomic import atomic_write
 from simrig.files.images import to_srgb8
@@ -259,7 +260,8 @@ def write_film(texture: UprightTexture, path: Path, resolution: int) -> None:
     width_mm = texture.radiance.shape[3] * texture.texel_mm[0]
     period_deg = float(np.degrees(width_mm / CYLINDER_RADIUS))
     count = max(1, round(period_deg / SPEED_DEG * FRAMES_PER_SECOND))
-    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"VP90"), FRAMES_PER_SECOND, size)
+    with native_messages_muted():  # it says that WebM has no tag of this name, and writes it
+        film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"VP90"), FRAMES_PER_SECOND, size)
     if not film.isOpened():
         raise SimrigError(
             "this OpenCV cannot write VP9 films: install opencv-contrib-python-headless"
