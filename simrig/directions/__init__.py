@@ -10,13 +10,11 @@ from simrig.directions.onion import Onion, from_meridian, from_onion, to_meridia
 from simrig.directions.schemes import SCHEMES, HemisphereScheme, Ring, scheme, uniform_scheme
 from simrig.directions.spherical import (
     azimuth,
-    canonical,
     horizontal,
     to_angles,
     to_vector,
     turned,
     wrap_angle,
-    wrap_difference,
 )
 
 __all__ = [
@@ -26,7 +24,6 @@ __all__ = [
     "Onion",
     "Ring",
     "azimuth",
-    "canonical",
     "from_half_difference",
     "from_meridian",
     "from_onion",
@@ -41,5 +38,4 @@ __all__ = [
     "turned",
     "uniform_scheme",
     "wrap_angle",
-    "wrap_difference",
 ]

@@ -90,22 +90,3 @@ def wrap_angle(phi: Array, period: float = TWO_PI) -> Array:
     wrapped = phi - period * xp.floor(phi * (1.0 / period))
     # in floating point the result can round up to the period itself, or fall just below zero
     return xp.select((wrapped >= period) | (wrapped < 0.0), 0.0 * wrapped, wrapped)
-
-
-def wrap_difference(phi: Array, period: float = TWO_PI) -> Array:
-    """Wrap an azimuth difference into [-period/2, period/2): the short way round."""
-    return wrap_angle(phi + 0.5 * period, period) - 0.5 * period
-
-
-def canonical(theta: Array, phi: Array) -> tuple[Array, Array]:
-    """Return the angles of the same direction with theta in [0, π] and phi in [0, 2π).
-
-    A polar angle beyond the pole (negative, or above π) comes back on the other side, half a
-    turn further in azimuth; at the poles phi becomes 0. In-range angles are returned unchanged.
-    """
-    xp = namespace(theta)
-    around = wrap_difference(theta)
-    inside = (theta >= 0.0) & (theta <= np.pi)
-    folded = xp.select(inside, theta, xp.abs(around))
-    turned = xp.select(inside | (around >= 0.0), phi, phi + np.pi)
-    return folded, xp.select((folded == 0.0) | (folded == np.pi), 0.0, wrap_angle(turned))

@@ -2,7 +2,6 @@
 
 from simrig.files.pictures.picture import LARGEST_IMAGE, Picture, as_image
 from simrig.files.pictures.reader import (
-    is_picture,
     names_picture,
     picture_format,
     read_image,
@@ -13,7 +12,6 @@ __all__ = [
     "LARGEST_IMAGE",
     "Picture",
     "as_image",
-    "is_picture",
     "names_picture",
     "picture_format",
     "read_image",

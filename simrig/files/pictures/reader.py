@@ -109,11 +109,6 @@ def names_picture(path: str | Path) -> bool:
     return any(ending in known.suffixes for known in PICTURES.values())
 
 
-def is_picture(path: str | Path) -> bool:
-    """Return whether a file is a picture that is read, by its content."""
-    return picture_format(path) is not None
-
-
 def read_picture(path: str | Path, layer: str | None = None) -> Picture:
     """Read a picture as linear RGB with sRGB primaries.
 
