@@ -14,7 +14,6 @@ from simrig.perception.features import (
 from simrig.perception.fitting import DistanceFit, fit_distances
 from simrig.perception.prediction import PUBLISHED_MODELS, DistanceModel, predict_distance
 from simrig.perception.saliency import (
-    SaliencySettings,
     luminance_contrast,
     saliency,
     saliency_maps,
@@ -27,7 +26,6 @@ __all__ = [
     "PUBLISHED_MODELS",
     "DistanceFit",
     "DistanceModel",
-    "SaliencySettings",
     "contrast",
     "contrast_sensitivity",
     "cycles_per_degree",
