@@ -118,13 +118,6 @@ def test_a_sinusoid_has_its_period(method: str, period: float) -> None:
         assert structure_size(image, 0.25, method) == pytest.approx(0.25 * period, abs=0.25)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_seamless_tile_may_be_as_large_as_its_structure(method: str) -> None:
-    tile = stripes(16.0, (24, 16))
-    assert structure_size(np.tile(tile, (1, 3)), 0.5, method, periodic=True) == pytest.approx(8.0)
-    assert structure_size(tile, 0.5, "spectrum", periodic=True) == pytest.approx(8.0)
-
-
 def test_pixels_need_not_be_square() -> None:
     across = structure_size(stripes(16.0), (0.5, 0.1))
     down = structure_size(stripes(16.0).T, (0.5, 0.1))

@@ -162,20 +162,10 @@ def planned_distances_mm(scene: Room, tolerance: str) -> dict[str, float]:
     return {part: planned.get(bsdf, _EVERYWHERE_MM) for part, bsdf in bsdfs.items()}
 
 
-def group_distances_mm(factor: float = 1.0) -> dict[str, float]:
-    """Return the thesis's critical viewing distance of each part's group, in mm.
-
-    Args:
-        factor: on all of them. A picture with other pixels shows structure from elsewhere.
-
-    Raises:
-        SimrigError: a factor that is negative or not finite.
-    """
-    if not (np.isfinite(factor) and factor >= 0.0):
-        raise SimrigError(f"the factor on distances must be at least 0, got {factor:g}")
+def group_distances_mm() -> dict[str, float]:
+    """Return the thesis's critical viewing distance of each part's group, in mm."""
     return {
-        part: 1000.0 * factor * GROUP_DISTANCES_M[PRESETS[name].group]
-        for part, name in ROOM_PARTS.items()
+        part: 1000.0 * GROUP_DISTANCES_M[PRESETS[name].group] for part, name in ROOM_PARTS.items()
     }
 
 

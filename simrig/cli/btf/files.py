@@ -61,7 +61,7 @@ def convert(
             output_folder(output, overwrite, request) as folder,
             frame.progress(f"writing {output.name}") as report,
         ):
-            written = write_btf_images(folder, stack, replace=True, progress=report)
+            written = write_btf_images(folder, stack, report)
         return frame.Report(
             {"output": output, "pictures": len(written)},
             [f"{output}: {len(written):,} pictures of {stack.name}"],

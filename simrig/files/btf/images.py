@@ -106,25 +106,18 @@ def import_btf(
 
 
 def write_btf_images(
-    folder: str | Path,
-    stack: BtfStack,
-    *,
-    replace: bool = False,
-    progress: Progress | None = None,
+    folder: str | Path, stack: BtfStack, progress: Progress | None = None
 ) -> list[Path]:
     """Write a stack as OpenEXR pictures in the naming of Bonn, exact angles in their headers.
 
-    Args:
-        replace: write into a folder that is not empty, over pictures of the same names.
+    Pictures of the same names are written over.
 
     Raises:
-        SimrigError: the folder's parent does not exist, or the folder is a file or not empty.
+        SimrigError: the folder's parent does not exist, or the folder is a file.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise SimrigError(f"'{folder}' is a file, a folder for pictures was expected")
-    if not replace and folder.exists() and any(folder.iterdir()):
-        raise SimrigError(f"the folder '{folder}' is not empty: choose another")
     if not folder.parent.is_dir():
         raise SimrigError(f"cannot write '{folder}': '{folder.parent}' does not exist")
     folder.mkdir(exist_ok=True)
