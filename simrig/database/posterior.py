@@ -46,7 +46,7 @@ class Posterior:
         angles: (n, 4) half-difference angles of the samples.
         choices: of brightness and the two differences.
         weights: (n, 3) K⁻¹ y of each.
-        calibration: what the stated error is multiplied by, from left-out samples.
+        calibration: what the stated error is multiplied by, from left-out samples; 1 at least.
         condition: largest condition number of the three K.
     """
 
@@ -107,7 +107,8 @@ class Posterior:
             choices.append(choice)
             weights.append(alpha)
             factors.append(inverse)
-        calibration = np.sqrt((_WEIGHT + squares) / (_WEIGHT + 3.0 * len(data)))
+        # left-out samples lie where samples can: they raise what is stated, and never lower it
+        calibration = max(1.0, np.sqrt((_WEIGHT + squares) / (_WEIGHT + 3.0 * len(data))))
         return cls(
             process, angles, tuple(choices), np.column_stack(weights), float(calibration), worst,
             tuple(factors),
