@@ -29,7 +29,6 @@ def perspective_camera(
     target: Sequence[float],
     focal_length_mm: float = FOCAL_LENGTH_MM,
     pixel_centres: bool = False,
-    farthest_mm: float = 2e4,
 ) -> dict[str, Any]:
     """Return a perspective camera with a float32 RGB film and a box filter.
 
@@ -38,7 +37,6 @@ def perspective_camera(
         origin, target: where it stands and what it looks at, in mm; y is up.
         focal_length_mm: behind a sensor that is 24 mm high.
         pixel_centres: one regular sample in the centre of each pixel instead of random ones.
-        farthest_mm: nothing beyond is seen.
 
     Raises:
         SimrigError: a size that is not whole and positive, or no variant is set.
@@ -48,7 +46,7 @@ def perspective_camera(
         "fov": float(np.degrees(2.0 * np.arctan(0.5 * SENSOR_HEIGHT_MM / focal_length_mm))),
         "fov_axis": "y",
         "near_clip": 10.0,
-        "far_clip": farthest_mm,
+        "far_clip": 2e4,
         "to_world": transform().look_at(
             origin=list(origin), target=list(target), up=[0.0, 1.0, 0.0]
         ),

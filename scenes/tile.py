@@ -95,7 +95,6 @@ def tile_scene(
     light_deg: tuple[float, float] = (55.0, 135.0),
     sky: float = 0.15,
     resolution: int = 512,
-    max_depth: int = 6,
 ) -> dict[str, Any]:
     """Return several periods of a material under oblique light.
 
@@ -109,7 +108,6 @@ def tile_scene(
         light_deg: (theta, phi) of the main light.
         sky: radiance of the sky.
         resolution: pixels along each side.
-        max_depth: longest path, in edges; 2 is direct light only.
 
     Raises:
         SimrigError: no variant is set, or sizes and angles out of range.
@@ -144,7 +142,7 @@ def tile_scene(
         "film": film(resolution, resolution),
         "sampler": sampler(False, 64),
     }
-    scene["integrator"] = {"type": "path", "max_depth": max_depth}
+    scene["integrator"] = {"type": "path", "max_depth": 6}
     return scene
 
 

@@ -131,7 +131,6 @@ def ablate(
     *,
     budget_seconds: float = 20.0,
     variant: str = "auto",
-    exposure: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Ablation:
@@ -140,14 +139,14 @@ def ablate(
     Args:
         scene: what ``plan_scene`` takes.
         budget_seconds: for the picture with everything; the others take about as long or less.
-        variant, exposure: see ``plan_scene``.
+        variant: see ``plan_scene``.
 
     Raises:
         SimrigError: what ``plan_scene`` refuses, or a black picture.
     """
     report = progress or (lambda *_: None)
     report(0, 1, "everything")
-    plan = plan_scene(scene, tolerance, variant=variant, exposure=exposure)
+    plan = plan_scene(scene, tolerance, variant=variant)
     pictures = Pictures(scene, plan, budget_seconds, seed)
     rows: list[Row] = []
     for done, decision in enumerate(plan.effects, start=1):

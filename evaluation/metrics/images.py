@@ -175,9 +175,7 @@ def image_errors(
     }
 
 
-def log_psnr(
-    reference: np.ndarray, values: np.ndarray, peak: float = LOG_PEAK, floor: float = LOG_FLOOR
-) -> float:
+def log_psnr(reference: np.ndarray, values: np.ndarray) -> float:
     """Return the logarithmic PSNR of two arrays of any shape, in dB; higher is better.
 
     log-PSNR = 20·log10(log10(peak) / RMSE(log10 max(I, floor))), over all values, each colour
@@ -192,15 +190,15 @@ def log_psnr(
     first, second = np.asarray(reference, np.float64), np.asarray(values, np.float64)
     if first.shape != second.shape:
         raise SimrigError(f"the arrays differ in shape: {first.shape} and {second.shape}")
-    difference = np.log10(np.maximum(first, floor)) - np.log10(np.maximum(second, floor))
-    return log_psnr_from_mse(float(np.mean(difference**2)), peak)
+    difference = np.log10(np.maximum(first, LOG_FLOOR)) - np.log10(np.maximum(second, LOG_FLOOR))
+    return log_psnr_from_mse(float(np.mean(difference**2)))
 
 
-def log_psnr_from_mse(error: float, peak: float = LOG_PEAK) -> float:
+def log_psnr_from_mse(error: float) -> float:
     """Return the log-PSNR in dB for a mean squared difference of log10 values."""
-    return (
-        math.inf if error == 0.0 else 20.0 * math.log10(math.log10(peak)) - 10.0 * math.log10(error)
-    )
+    if error == 0.0:
+        return math.inf
+    return 20.0 * math.log10(math.log10(LOG_PEAK)) - 10.0 * math.log10(error)
 
 
 def flip_map(

@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # the command line shows its help without NumPy
     import numpy as np
 
 _LARGEST = 512  # pixels of the longer side; larger pictures are thinned
+_GAP = 4  # white pixels between two pictures
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,15 +81,14 @@ def png_bytes(picture: np.ndarray) -> bytes:
     return stream.getvalue()
 
 
-def beside(pictures: list[np.ndarray], gap: int = 4) -> np.ndarray:
+def beside(pictures: list[np.ndarray]) -> np.ndarray:
     """Return pictures of one height side by side on white.
 
     Args:
         pictures: uint8 (height, width, 3) each.
-        gap: white pixels between two.
     """
     import numpy as np
 
-    white = np.full((pictures[0].shape[0], gap, 3), 255, dtype=np.uint8)
+    white = np.full((pictures[0].shape[0], _GAP, 3), 255, dtype=np.uint8)
     parts = [part for picture in pictures for part in (white, picture)]
     return np.concatenate(parts[1:], axis=1)

@@ -203,9 +203,7 @@ def _changed(covariance: np.ndarray, row: np.ndarray, noise: float) -> np.ndarra
     return covariance - np.outer(along, along) / (noise + float(row @ along))
 
 
-def joint(
-    process: RotationProcess, count: int, theta_max: float = float(_STEEPEST), seed: int = 0
-) -> np.ndarray:
+def joint(process: RotationProcess, count: int, theta_max: float = float(_STEEPEST)) -> np.ndarray:
     """Return directions and rotations that are chosen together, in the order of their worth.
 
     Greedily the place is added that lowers the mean variance of the brightness most (I-optimal).
@@ -217,7 +215,7 @@ def joint(
     Returns:
         (count, 4) theta_h, phi_h, theta_d, phi_d in radians.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     basis, spectra = process.basis, process.spectra[0]
     allowed = reachable(basis, theta_max)
     step = 2.0 * np.pi / basis.grid.rotations

@@ -27,8 +27,6 @@ def solved(
     values: np.ndarray,
     phi: np.ndarray,
     solver: str = "ridge",
-    eta: float = ETA,
-    weight: float = LAMBDA,
     mean: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return coefficients of Q = UΣ for rotations at which the same directions were measured.
@@ -38,25 +36,24 @@ def solved(
         values: (n, r, 3) ln(f_r w + ε) less the mean.
         phi: (r,) azimuths of the half vector, radians; only ``shifted`` needs them.
         solver: ``"ridge"`` (7.4), ``"constrained"`` (7.5) or ``"shifted"``.
-        eta, weight: η and λ.
         mean: (s,) of the basis at the rows of theta_h = 0, for ``shifted``; 0 else.
 
     Returns:
         (k, r, 3).
     """
     k = rows.shape[1]
-    gram = rows.T @ rows + eta * np.eye(k)
+    gram = rows.T @ rows + ETA * np.eye(k)
     right = np.einsum("nk,nrc->krc", rows, values)
     if solver == "ridge":
         return np.linalg.solve(gram, right.reshape(k, -1)).reshape(right.shape)
     specular = basis.grid.specular
     zero = basis.principal[specular.ravel(), :k]  # (theta_d · phi_d, k)
-    held = gram + weight * (zero.T @ zero)
+    held = gram + LAMBDA * (zero.T @ zero)
     if solver == "constrained":
         common = right.mean(axis=1, keepdims=True)
         own = np.linalg.solve(held, (right - common).reshape(k, -1)).reshape(right.shape)
         return own + np.linalg.solve(gram, common.reshape(k, -1)).reshape(k, 1, -1)
-    return _shifted(zero, specular.shape, held, right, phi, weight, mean)
+    return _shifted(zero, specular.shape, held, right, phi, mean)
 
 
 def _shifted(
@@ -65,7 +62,6 @@ def _shifted(
     held: np.ndarray,
     right: np.ndarray,
     phi: np.ndarray,
-    weight: float,
     mean: np.ndarray | None,
 ) -> np.ndarray:
     """Return the minimum of eq. 7.5 with Σ ‖S_j (μ₀ + Q₀ c_j) − ν‖² in place of its last term."""
@@ -79,18 +75,18 @@ def _shifted(
     # c_j = A⁻¹ (b_j + λ Q₀ᵀ (S_jᵀ ν − μ₀)), and ν the mean of S_j (μ₀ + Q₀ c_j)
     system = np.eye(len(zero))
     target: np.ndarray = np.zeros((len(zero), channels))
-    own = base - weight * (kernel @ base)
+    own = base - LAMBDA * (kernel @ base)
     numbers = np.arange(len(zero)).reshape(shape)
     order = [np.roll(numbers, step, axis=1).ravel() for step in steps]
     for j in range(r):
-        system -= (weight / r) * kernel[np.ix_(order[j], order[j])]
+        system -= (LAMBDA / r) * kernel[np.ix_(order[j], order[j])]
         target += (own[order[j], None] + each[order[j], j]) / r
     nu = np.linalg.solve(system, target)
     found = np.empty_like(right)
     for j in range(r):
         back = np.empty_like(nu)
         back[order[j]] = nu
-        found[:, j] = inverse @ (right[:, j] + weight * zero.T @ (back - base[:, None]))
+        found[:, j] = inverse @ (right[:, j] + LAMBDA * zero.T @ (back - base[:, None]))
     return found
 
 

@@ -137,15 +137,13 @@ class Slices:
         whole = self.factors[number] @ self.loadings[number] + self.means[number][:, None]
         return whole.reshape(len(whole), -1, 3)
 
-    def basis(
-        self, leaving_out: Sequence[int] = (), components: int = COMPONENTS, seed: int = _SEED
-    ) -> SliceBasis:
+    def basis(self, leaving_out: Sequence[int] = ()) -> SliceBasis:
         """Return the basis of all materials but some.
+
+        The decomposition is a random projection that is refined twice [HMT11].
 
         Args:
             leaving_out: numbers of materials.
-            components: at most so many.
-            seed: of the decomposition, which is a random projection refined twice [HMT11].
 
         Raises:
             SimrigError: nothing is left.
@@ -157,7 +155,7 @@ class Slices:
         mean = self.means[used].mean(axis=0)
         apart = (self.means[used] - mean).T * np.float32(np.sqrt(each))
         whole = np.concatenate([apart, *(self.factors[n] for n in used)], axis=1)
-        left, values = _decomposed(whole, components, np.random.default_rng(seed))
+        left, values = _decomposed(whole, COMPONENTS, np.random.default_rng(_SEED))
         coefficients = np.stack(
             [
                 ((left.T @ self.factors[n]) @ self.loadings[n])

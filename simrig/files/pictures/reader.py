@@ -157,13 +157,13 @@ def _decoded(path: Path, kind: PictureFormat, options: dict[str, Any]) -> Decode
         ) from error
 
 
-def read_image(path: str | Path, layer: str | None = None) -> np.ndarray:
+def read_image(path: str | Path) -> np.ndarray:
     """Return the pixels of ``read_picture``: float32 (height, width, 3), linear RGB.
 
     Raises:
         SimrigError: see ``read_picture``.
     """
-    return read_picture(path, layer).pixels
+    return read_picture(path).pixels
 
 
 def _other(path: Path) -> str:

@@ -81,11 +81,7 @@ class CylinderStimulus:
         return render(self.scene(), self.spp, seed, progress=progress)
 
     def frames(
-        self,
-        count: int,
-        first: int = 0,
-        speed_deg: float = SPEED_DEG,
-        frames_per_second: float = FRAMES_PER_SECOND,
+        self, count: int, first: int = 0, speed_deg: float = SPEED_DEG
     ) -> Iterator[tuple[int, RenderResult]]:
         """Yield frames of the rotating cylinders: the camera rests, the texture moves.
 
@@ -96,7 +92,6 @@ class CylinderStimulus:
             count: number of the last frame plus one.
             first: number of the first frame to render.
             speed_deg: degrees per second, to the right.
-            frames_per_second: of the film.
 
         Yields:
             The number of a frame and its picture.
@@ -104,15 +99,14 @@ class CylinderStimulus:
         Raises:
             SimrigError: as ``scene``; no frames, a rate that is not above 0, or no finite speed.
         """
-        if count < 1 or first < 0 or not frames_per_second > 0.0 or not np.isfinite(speed_deg):
+        if count < 1 or first < 0 or not np.isfinite(speed_deg):
             raise SimrigError(
-                "frames need a count >= 1, a rate > 0 per second and a finite speed, got "
-                f"{count}, {frames_per_second:g} and {speed_deg:g}"
+                f"frames need a count >= 1 and a finite speed, got {count} and {speed_deg:g}"
             )
         scene = load(self.scene())
         parameters = mi.traverse(scene)
         for number in range(first, count):
-            turn = speed_deg * number / frames_per_second
+            turn = speed_deg * number / FRAMES_PER_SECOND
             for name, to_world in placements(self.experiment, turn).items():
                 parameters[f"{name}.to_world"] = to_world
             parameters.update()
