@@ -132,7 +132,7 @@ def test_a_number_may_have_an_uncertainty_and_a_group() -> None:
 
 def test_unknown_rigs_and_options_are_refused() -> None:
     refused("did you mean 'gonioreflectometer'", make_rig, "gonioreflectmeter")
-    refused("'gantry' has no --seed, .*, btf, imaging have", make_rig, "gantry", seed=3)
+    refused("'gantry' has no --seed, .*, btf, imaging, reflector have", make_rig, "gantry", seed=3)
     refused("--seed must be a whole number of at least 0", make_rig, "utia", seed=-1)
     assert make_rig("utia", seed=3).instrument.seed == 3  # type: ignore[attr-defined]
     assert {type(make_rig(name)) for name in RIGS} == set(RIGS.values())

@@ -33,6 +33,7 @@ RIG = Gonioreflectometer()
 PLAN_OPTIONS: dict[str, dict[str, object]] = {
     "directions": {"pairs": "pairs.txt"},
     "tailored": {"axes": "30,120"},
+    "subspace": {"azimuths": 24},
     "minimal": {"database": "mine", "samples": 24},
     "template": {"database": "mine", "samples": 150},
     "large-sample": {"centres": "2", "spacing_mm": 138.0, "oblique_azimuths": 2},

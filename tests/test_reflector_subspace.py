@@ -15,6 +15,9 @@ from simrig.brdf.analytic import Lambert
 from simrig.cli.app import app
 from simrig.core.errors import SimrigError
 from simrig.files.pictures.reader import read_picture
+from simrig.instruments.description import shipped
+from simrig.plans.registry import make_plan
+from simrig.rigs.measurements.measurement import Measurement
 from simrig.rigs.reflector.mirror import CONJUGATE, Reflector
 from simrig.rigs.reflector.subspace import (
     Projector,
@@ -22,6 +25,7 @@ from simrig.rigs.reflector.subspace import (
     measure_subspace,
     true_subspace,
 )
+from simrig.rigs.registry import make_rig, rig_of
 
 THETA = float(np.radians(50.0))
 
@@ -106,6 +110,41 @@ def test_black_samples_and_projectors_are_refused() -> None:
     for changes in ({"lumens": 0.0}, {"contrast": float("nan")}, {"frame_mm": (1.0, -1.0)}):
         with pytest.raises(SimrigError, match="finite and above 0"):
             Projector(**changes)
+
+
+def test_the_rig_measures_what_the_sweep_does(tmp_path: Path) -> None:
+    output = tmp_path / "m.h5"
+    asked = ["measure", "fabric112", "--rig", "reflector", "--azimuths", "36", "-o", str(output)]
+    made = CliRunner().invoke(app, asked)
+    assert made.exit_code == 0, made.output
+    measured = Measurement.load(output)
+    swept = measure_subspace(
+        kurt_material("fabric112"), THETA, THETA, mirror=replace(CONJUGATE, slope_rms_mrad=1.0),
+        step_deg=10.0,
+    )  # fmt: skip
+    seen = np.isfinite(swept.values).all(axis=-1)
+    assert len(measured) == seen.sum() == 36 * 36 - measured.provenance["unseen"]
+    assert measured.values == pytest.approx(np.maximum(swept.values[seen], 0.0), rel=1e-3, abs=1e-6)
+    assert measured.cost.hardware_seconds == pytest.approx(46.0 / 30.0)
+
+
+@pytest.mark.parametrize(
+    ("rig", "plan", "says"),
+    [
+        ("reflector", ("slices", {}), "whole subspaces"),
+        ("reflector", ("subspace", {"subspace_theta_v": 10.0}), "covers polar angles"),
+        ("flash", ("subspace", {}), "no .projector."),
+        ("hadamard", ("subspace", {"azimuths": 36}), "--azimuths 31"),
+    ],
+)
+def test_what_the_rig_does_not_measure(rig: str, plan: tuple, says: str) -> None:
+    rigs = {
+        "flash": lambda: rig_of(shipped("reflector")),
+        "hadamard": lambda: make_rig("reflector", patterns="hadamard"),
+    }
+    own = rigs.get(rig, lambda: make_rig(rig))()
+    with pytest.raises(SimrigError, match=says):
+        own.check(Lambert(), make_plan(plan[0], None, **plan[1]))
 
 
 def test_command(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import markupsafe
 from simrig.brdf.protocol import Brdf
 from simrig.evaluation.experiment.reconstructions import AUTOMATIC, LABELS, SLICE_METHODS, Subject
 from simrig.evaluation.report.pictures import (
+    anisotropy_sheet,
     brdf_pictures,
     cost_plots,
     data_uri,
@@ -70,6 +71,7 @@ def render(
         # the middle one: enough samples to see a pattern, few enough to see dots
         "slices": slices_picture(truth, measured[len(measured) // 2]),
         "brdf": brdf_pictures(truth, finest, results["theta_max_deg"], scale),
+        "anisotropy": anisotropy_sheet(truth),
         "records": records,
         "plots": cost_plots(rows, LABELS),
         "settings": settings,

@@ -12,6 +12,7 @@ import numpy as np
 
 from simrig.brdf.protocol import Brdf
 from simrig.core.cost import Cost
+from simrig.core.errors import SimrigError
 from simrig.evaluation.metrics.images import difference_image
 from simrig.files.images import to_srgb8
 from simrig.reconstruction.slices.tables import full_slices
@@ -19,6 +20,7 @@ from simrig.rigs.measurements.measurement import Measurement
 from simrig.viewing.brdf.figure import brdf_figure
 from simrig.viewing.brdf.picture import THETAS_DEG, brdf_exposure, brdf_picture
 from simrig.viewing.plots import CostPoint, accuracy_versus_cost
+from simrig.viewing.reflector import draw_sheet, material_sheet, true_profile
 
 _AZIMUTH_STEP_DEG = 4.0  # of the BRDF pictures: tiles of 90 × 90 pixels
 _ERRORS = (
@@ -55,6 +57,22 @@ def directions_picture(measurement: Measurement) -> dict[str, Any]:
     picture = measurement.exhibit().picture
     assert picture is not None
     return {"picture": _encoded(picture), "samples": len(measurement.values)}
+
+
+def anisotropy_sheet(truth: Brdf) -> dict[str, Any] | None:
+    """Return what one picture under the reflector shows (Fig. 3.3), None of an isotropic one."""
+    try:
+        found = material_sheet(truth)
+    except SimrigError:  # black
+        return None
+    modes = found.anisotropy.modes.found
+    if not modes:
+        return None
+    return {
+        "picture": data_uri(draw_sheet(found, None, [true_profile(truth)])),
+        "axes": [float(np.degrees(mode.axis)) for mode in modes],
+        "widths": [float(np.degrees(mode.width)) for mode in modes],
+    }
 
 
 def brdf_pictures(

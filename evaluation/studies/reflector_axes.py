@@ -30,7 +30,6 @@ from simrig.brdf.protocol import Brdf
 from simrig.core.errors import SimrigError
 from simrig.core.peaks import prominences
 from simrig.core.tables import text_table
-from simrig.directions.spherical import to_vector
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
 from simrig.imaging.anisotropy_opening import Opening
@@ -39,7 +38,7 @@ from simrig.rigs.reflector.folded import Folded, fold, picture
 from simrig.rigs.reflector.mirror import Reflector
 from simrig.rigs.reflector.photograph import PIXELS, Analysed, analyse_photograph
 from simrig.viewing.plots import drawn_panel
-from simrig.viewing.reflector import draw_sheet
+from simrig.viewing.reflector import draw_sheet, true_profile
 
 CAMERAS = ("ideal", "camera", "imperfect")
 IMPERFECT: dict[str, Any] = {
@@ -144,13 +143,6 @@ def _isotropic(rng: np.random.Generator) -> Brdf:
     return Ward(tint, shine, roughness, roughness, name=f"ward {roughness:.3f}")
 
 
-def truth(material: Brdf, rotation_deg: float = 0.0, theta_deg: float = 50.0) -> np.ndarray:
-    """Return f_r at azimuths in steps of 1°, θ_v = 0, both sides' mean, channels' mean, (180,)."""
-    phi = np.radians(np.arange(360.0) - rotation_deg)
-    values = material.eval(to_vector(np.radians(theta_deg), phi), np.array([0.0, 0.0, 1.0]))
-    return np.asarray(values.mean(axis=-1).reshape(2, 180).mean(axis=0))
-
-
 def _judged(found: Analysed, material: Brdf, rotation: float, isotropic: bool) -> dict[str, Any]:
     modes = found.anisotropy.modes
     row: dict[str, Any] = {
@@ -161,10 +153,10 @@ def _judged(found: Analysed, material: Brdf, rotation: float, isotropic: bool) -
     }
     if isotropic:
         return row
-    seen = truth(material, rotation)
+    seen = true_profile(material, rotation)
     tops = sorted(prominences(seen), key=lambda top: -top[1])
     if (seen.max() - seen.min()) < 2e-3 * seen.mean():  # seen at smaller angles only
-        seen = truth(material, rotation, 33.0)
+        seen = true_profile(material, rotation, 33.0)
         tops = sorted(prominences(seen), key=lambda top: -top[1])
     row["true_count"] = sum(rise > _LEAST_RISE * tops[0][1] for _, rise in tops)
     row["true_axis_deg"] = _vertex(seen, tops[0][0])
@@ -287,5 +279,5 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
     names = [n for n in distinct(rows, "material") if n in KURT_MATERIALS]
     materials = [kurt_material(name) for name in names]
     seen = [photographed(m, 40.0, "camera", 7) for m in materials]
-    draw_sheet(seen, sheet, [truth(m, 40.0) for m in materials], names)
+    draw_sheet(seen, sheet, [true_profile(m, 40.0) for m in materials], names)
     return [errors, sheet]

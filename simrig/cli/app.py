@@ -109,6 +109,7 @@ _DATABASE: Commands = {
 _REFLECTOR: Commands = {
     "picture": reflector.picture,
     "analyse": reflector.analyse,
+    "sheet": reflector.sheet,
     "subspace": reflector.subspace,
 }
 _STIMULI: Commands = {

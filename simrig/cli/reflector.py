@@ -16,6 +16,8 @@ Instrument = Annotated[
     str, typer.Option(help="'reflector', or the TOML file of one (docs/instruments.md).")
 ]
 
+_MOST_COLUMNS = 16  # of a sheet
+
 
 def picture(
     material: Material,
@@ -134,6 +136,37 @@ def analyse(
             f"{found.seconds:.2f} s of {seconds:.2f} s",
         ],
     )
+
+
+def sheet(
+    materials: Annotated[list[str], typer.Argument(help="Names or files, one column each.")],
+    output: Annotated[Path, typer.Option(help="The sheet, .png.")],
+    rotation: Annotated[float, typer.Option(help="Of the materials, degrees.")] = 0.0,
+    overwrite: Overwrite = False,
+) -> frame.Report:
+    """Draw picture, axes, unrolled picture and profile of materials (thesis Fig. 3.3)."""
+    import numpy as np
+
+    from simrig.files.load import load_material
+    from simrig.viewing.reflector import draw_sheet, material_sheet, true_profile
+
+    if output.suffix.lower() != ".png":
+        raise SimrigError(f"'{output}': sheets are drawn as .png")
+    if len(materials) > _MOST_COLUMNS:
+        raise SimrigError(f"a sheet has {_MOST_COLUMNS} columns at most, got {len(materials)}")
+    brdfs = [load_material(name) for name in materials]
+    with output_file(output, overwrite):
+        found = [material_sheet(brdf, rotation) for brdf in brdfs]
+        truths = [true_profile(brdf, rotation) for brdf in brdfs]
+        draw_sheet(found, output, truths, [brdf.name for brdf in brdfs])
+    axes = {
+        brdf.name: [float(np.degrees(m.axis)) for m in own.anisotropy.modes.found]
+        for brdf, own in zip(brdfs, found, strict=True)
+    }
+    lines = [
+        f"{n}: {', '.join(f'{a:.2f}°' for a in own) or 'isotropic'}" for n, own in axes.items()
+    ]
+    return frame.Report(data={"file": output, "axes_deg": axes}, shown=[*lines, str(output)])
 
 
 def subspace(

@@ -15,18 +15,11 @@ from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
 from simrig.core.errors import SimrigError
-from simrig.imaging.anisotropy_errors import (
-    LEAST_VARIANCE,
-    Solved,
-    excess,
-    halves_of,
-    residual_variance,
-    unevenness,
-)
+from simrig.imaging.anisotropy_gains import Side, Solution, solve, unevenness
 from simrig.imaging.anisotropy_modes import Modes, find_modes
 
 WORKING_PIXELS = 96  # blocks along a side that the least squares see
@@ -41,8 +34,7 @@ _BRIGHT = 6.0  # pixels with more than this times the median irradiance lie in t
 _SPECK = 1.3  # times the brightest neighbour, or below the darkest one by this
 _WELL_LIT = (0.001, 0.95)  # quantiles of the half vectors' polar angles
 _STEP_DEG = 1.0  # of profiles
-# unevenness of a reference that halves the significance; measured on 24 isotropic materials
-_UNEVEN = 0.07
+_SPARSE = 10  # of their azimuths, for a mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +81,8 @@ class System:
         total: (blocks²,) irradiance of every block.
         matrix: (rows, unknowns), for the radiance over the irradiance.
         gram: its product with itself.
+        sides: share of the light, and part of the matrix, of the near and the far side of the
+            mirror: what crosses the axis on its way came from the far one.
         knots: of the splines of mean, harmonics and of how f_r depends on the view, in radians.
         expected: (unknowns,) size.
         theta: lowest and highest polar angle of half vectors that the mirror lights.
@@ -99,6 +93,7 @@ class System:
     total: np.ndarray
     matrix: np.ndarray
     gram: np.ndarray
+    sides: list[Side]
     knots: tuple[np.ndarray, np.ndarray, np.ndarray]
     expected: np.ndarray
     theta: tuple[float, float]
@@ -161,7 +156,7 @@ def analyse(
     system = lighting.system
     side = lighting.pixels // system.factor
     blocked, known = _blocks(picture, lighting, system.factor)
-    uneven = 0.0
+    uneven = None
     if reference is not None:
         even, lit = _blocks(_checked("the reference", reference, lighting), lighting, system.factor)
         even, known = even.mean(axis=-1), known & lit
@@ -187,18 +182,10 @@ def analyse(
     values = values / mean
     matrix = system.matrix[used]
     gram = system.gram if used.all() else matrix.T @ matrix
+    sides = [(share[used], part[used]) for share, part in system.sides]
     # a dull, even material is what is expected: the unknowns are how far it is from that
-    known_sides = matrix.T @ (values - 1.0)
-    variance = np.full(3, LEAST_VARIANCE)
-    for _ in range(2):  # the noise first, then what it lets be told
-        penalty = float(variance.mean()) / system.expected**2
-        solved = cho_factor(gram + np.diag(penalty))
-        unknowns = cho_solve(solved, known_sides)
-        left = values - 1.0 - matrix @ unknowns
-        variance = residual_variance(left, rows, side)
-    halves = halves_of(rows, side, matrix, penalty, values - 1.0)
-    residual = float(np.sqrt(np.mean(left**2)))
-    return _read(system, solved, unknowns, variance, halves, uneven, mean, residual)
+    found = solve(matrix, gram, values, system.expected, sides, rows, side, uneven)
+    return _read(system, found, mean)
 
 
 def _checked(what: str, picture: np.ndarray, lighting: Lighting) -> np.ndarray:
@@ -291,13 +278,22 @@ def _system(lighting: Lighting) -> System:
     basis = _basis(knots, theta, lighting.phi_h[by_mirror], lighting.view[by_mirror])
     basis *= lighting.irradiance[by_mirror, None]
     place = (np.cumsum(kept) - 1)[block]  # the row of a block
-    matrix = _summed(basis, place[by_mirror], int(kept.sum()))
+    # light that crosses the axis on its way came from the far side of the mirror
+    x, y = (2.0 * (v[by_mirror] + 0.5) / lighting.pixels - 1.0 for v in (column, row))
+    phi = lighting.phi_h[by_mirror]
+    near = x * np.cos(phi) > y * np.sin(phi)
+    sides = []
+    for own in (near, ~near):
+        light = np.column_stack([lighting.irradiance[by_mirror][own], basis[own]])
+        summed = _summed(light, place[by_mirror][own], int(kept.sum())) / total[kept, None]
+        sides.append((summed[:, 0], summed[:, 1:]))
+    matrix = sides[0][1] + sides[1][1]
     direct = ~lighting.mirrored & kept[block]
     x, y = (2.0 * (v[direct] + 0.5) / lighting.pixels - 1.0 for v in (column, row))
     powers = [(i, j) for i in range(_PEDESTAL + 1) for j in range(_PEDESTAL + 1 - i)]
     smooth = np.stack([x**i * y**j for i, j in powers], axis=-1)
     pedestal = _summed(smooth * lighting.irradiance[direct, None], place[direct], int(kept.sum()))
-    matrix = np.concatenate([matrix, pedestal], axis=1) / total[kept, None]
+    matrix = np.concatenate([matrix, pedestal / total[kept, None]], axis=1)
     order = np.tile(np.arange(1, _HARMONICS + 1) / _FALL_OFF, 2)
     expected = np.r_[
         np.full(_EVEN, _EXPECTED),
@@ -312,6 +308,7 @@ def _system(lighting: Lighting) -> System:
         total,
         matrix,
         matrix.T @ matrix,
+        sides,
         knots,
         expected,
         (float(low), float(high)),
@@ -328,21 +325,13 @@ def _summed(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
     return summed
 
 
-def _read(
-    system: System,
-    solved: tuple[np.ndarray, bool],
-    unknowns: np.ndarray,
-    variance: np.ndarray,
-    halves: list[tuple[np.ndarray, list[Solved]]],
-    uneven: float,
-    mean: float,
-    residual: float,
-) -> Anisotropy:
+def _read(system: System, found: Solution, mean: float) -> Anisotropy:
     """Return the unrolled picture, its profile and the modes."""
+    solved, variance = found.whole.factor, found.variance
     phi = np.deg2rad(np.arange(0.0, 180.0, _STEP_DEG))
     thetas = np.linspace(*system.theta, 9)
     basis = np.stack([system.profile_basis(np.full(len(phi), t), phi) for t in thetas])
-    unrolled = basis @ unknowns + 1.0  # (thetas, phis, 3)
+    unrolled = basis @ found.whole.unknowns + 1.0  # (thetas, phis, 3)
     level = unrolled.mean(axis=1)
     overall = np.maximum(level, 1e-3)
     # what each polar angle and channel tells: modulation over its uncertainty
@@ -359,13 +348,14 @@ def _read(
     share = float(np.sum(weight * overall) / np.sum(weight))
     weight = weight / np.sum(weight * overall)
     profile = np.einsum("kc,kpc->p", weight, signal)
+    read = np.einsum("kc,kpu->cpu", weight, basis)
+    read -= read.mean(axis=1, keepdims=True)
     covariance = np.zeros((len(phi), len(phi)))
-    for c in range(3):
-        along = np.tensordot(weight[:, c], basis, axes=1)
-        along -= along.mean(axis=0)
-        covariance += variance[c] * along @ cho_solve(solved, along.T)
-    covariance *= max(excess(weight, basis, variance, *half) for half in halves)
-    doubt = 1.0 + uneven / _UNEVEN
-    modes = find_modes(phi, profile, covariance, unrolled.mean(axis=0), share, doubt)
+    for own, noise in zip(read, variance, strict=True):
+        covariance += noise * own @ cho_solve(solved, own.T)
+    covariance *= found.excess(read[:, ::_SPARSE])
+    modes = find_modes(phi, profile, covariance, unrolled.mean(axis=0), share)
     uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return Anisotropy(modes, thetas, phi, unrolled * mean, profile, uncertainty, residual, share)
+    return Anisotropy(
+        modes, thetas, phi, unrolled * mean, profile, uncertainty, found.residual, share
+    )

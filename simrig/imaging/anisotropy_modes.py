@@ -78,7 +78,6 @@ def find_modes(
     covariance: np.ndarray,
     colours: np.ndarray,
     share: float = 1.0,
-    doubt: float = 1.0,
 ) -> Modes:
     """Return the highlights of a profile.
 
@@ -88,11 +87,10 @@ def find_modes(
         covariance: (n, n) of the profile.
         colours: (n, 3) linear RGB along it.
         share: of the picture that the profile's mean is.
-        doubt: factor, 1 or more, by which errors of the instrument may exceed the covariance.
     """
     sigma = float(np.sqrt(np.mean(np.diag(covariance)))) + 1e-12
     modulation = float(profile.max() - profile.min())
-    significance = modulation / (sigma * doubt)
+    significance = modulation / sigma
     if significance < _SIGNIFICANT or modulation * share < _LEAST_MODULATION:
         return Modes((), modulation, significance, np.empty((0, 3)), np.zeros(len(phi)))
     lobes, fitted = _fit(phi, profile, sigma)

@@ -30,6 +30,7 @@ from simrig.instruments.parts import (
     Mirror,
     PolarCamera,
     PolarLight,
+    ProjectorPart,
     Registration,
     Sample,
     SampleTiming,
@@ -46,6 +47,7 @@ SHIPPED = {
     "steady-gantry": "steady_gantry.toml",
     "dome-151": "dome_151.toml",
     "reflector": "reflector.toml",
+    "reflector-projector": "reflector_projector.toml",
 }
 
 
@@ -119,6 +121,7 @@ class ReflectorDescription(Description):
     """A mirror around the sample, seen and lit along its axis; no axes."""
 
     reflector: Ellipsoid
+    projector: ProjectorPart | None = None
     sample: Sample
     timing: SampleTiming
 

@@ -370,6 +370,24 @@ class Ellipsoid(Part):
     fps: Positive
 
 
+class ProjectorPart(Part):
+    """``[projector]`` of a reflector, in the mirror's far focus.
+
+    Attributes:
+        lumens: luminous flux of a white frame.
+        frame_mm: its width and height on the mirror.
+        contrast: of a white pixel to a black one.
+        pupil_mm: diameter of what light leaves by.
+        beside_mm: from the camera's lens, as a beam splitter shows it.
+    """
+
+    lumens: Positive
+    frame_mm: Annotated[list[Positive], Field(min_length=2, max_length=2)]
+    contrast: Positive
+    pupil_mm: Positive
+    beside_mm: NotNegative = _ZERO
+
+
 def needs(table: str, part: Part, *keys: str) -> None:
     """Refuse a table that lacks keys which pictures need.
 

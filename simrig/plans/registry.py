@@ -15,6 +15,7 @@ from simrig.plans.listed import Directions, SchemePlan
 from simrig.plans.minimal import MinimalPlan
 from simrig.plans.protocol import Plan
 from simrig.plans.reflectometer import ReflectometerPlan
+from simrig.plans.subspace import SubspacePlan
 from simrig.plans.tailored import TailoredPlan
 from simrig.plans.template import TemplatePlan
 from simrig.plans.uniform import RegularGrid, UniformPlan
@@ -34,6 +35,7 @@ PLANS: dict[str, type[Plan]] = {
         GantryPlan,
         VisibleNormalsPlan,
         TailoredPlan,
+        SubspacePlan,
         LargeSamplePlan,
         MinimalPlan,
         ReflectometerPlan,

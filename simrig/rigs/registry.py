@@ -13,9 +13,10 @@ from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.rigs.gantry.rig import Gantry
 from simrig.rigs.imaging.rig import ImagingRig
 from simrig.rigs.protocol import Rig
+from simrig.rigs.reflector.rig import ReflectorRig
 
 RIGS: dict[str, type[Rig]] = {
-    rig.name: rig for rig in (Gonioreflectometer, Gantry, BtfRig, ImagingRig)
+    rig.name: rig for rig in (Gonioreflectometer, Gantry, BtfRig, ImagingRig, ReflectorRig)
 }
 _LEVELS = {("gonioreflectometer", "imaging"): ImagingRig.name}  # kind of instrument, level
 _USUAL = {
@@ -39,7 +40,9 @@ def make_rig(text: str | Path, **options: Any) -> Rig:
     """
     if str(text) == ImagingRig.name:
         options = {"level": "imaging", **{k: v for k, v in options.items() if v is not None}}
-    return rig_of(find_description(text), **options)
+    # what is called 'reflector' as an instrument has a flash; the rig needs a projector
+    named = "reflector-projector" if str(text) == ReflectorRig.name else text
+    return rig_of(find_description(named), **options)
 
 
 def find_description(text: str | Path) -> Description:

@@ -7,22 +7,51 @@ from pathlib import Path
 
 import numpy as np
 
+from simrig.brdf.protocol import Brdf
+from simrig.core.cost import stopwatch
+from simrig.directions.spherical import to_vector
 from simrig.files.images import to_srgb8
-from simrig.rigs.reflector.photograph import Analysed
+from simrig.imaging.anisotropy import analyse
+from simrig.imaging.anisotropy_opening import Opening
+from simrig.instruments.description import shipped
+from simrig.rigs.reflector.folded import fold, picture
+from simrig.rigs.reflector.lighting import lighting_of
+from simrig.rigs.reflector.mirror import Reflector
+from simrig.rigs.reflector.photograph import PIXELS, Analysed
 from simrig.viewing.plots import finish_figure, new_figure
 
 _COLOURS = ("limegreen", "royalblue", "orange", "magenta")
 
 
+def material_sheet(material: Brdf, rotation_deg: float = 0.0) -> Analysed:
+    """Return what a picture without noise, of a mirror without errors, shows of a material."""
+    mirror = Reflector.from_description(shipped("reflector")).perfect  # type: ignore[arg-type]
+    folded = fold(mirror, PIXELS, flash_points=1)
+    image = picture(folded, material, rotation_deg)
+    elapsed = stopwatch()
+    found = analyse(image, lighting_of(folded))
+    middle = 0.5 * PIXELS - 0.5
+    opening = Opening(middle, middle, mirror.opening_mm / folded.width_mm * PIXELS)
+    return Analysed(found, image, opening, mirror, elapsed())
+
+
+def true_profile(material: Brdf, rotation_deg: float = 0.0, theta_deg: float = 50.0) -> np.ndarray:
+    """Return f_r at azimuths in steps of 1°, θ_v = 0, both sides' mean, channels' mean, (180,)."""
+    phi = np.radians(np.arange(360.0) - rotation_deg)
+    values = material.eval(to_vector(np.radians(theta_deg), phi), np.array([0.0, 0.0, 1.0]))
+    return np.asarray(values.mean(axis=-1).reshape(2, 180).mean(axis=0))
+
+
 def draw_sheet(
     found: Analysed | Sequence[Analysed],
-    path: Path,
+    path: Path | None = None,
     truths: Sequence[np.ndarray] | None = None,
     names: Sequence[str] | None = None,
-) -> None:
-    """Draw one column for each picture.
+) -> bytes:
+    """Draw one column for each picture, as PNG.
 
     Args:
+        path: where to write it as well.
         truths: (180,) true profile of each over the azimuth in steps of 1°, at θ_i = 50°, θ_v = 0.
     """
     columns = [found] if isinstance(found, Analysed) else list(found)
@@ -60,4 +89,4 @@ def draw_sheet(
         top[3].set_xlabel("azimuth from the main axis [°]", fontsize=8)
         top[3].tick_params(labelsize=7)
     panels[3, 0].legend(fontsize=7)
-    finish_figure(figure, path)
+    return finish_figure(figure, path)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -26,6 +27,10 @@ from simrig.core.errors import SimrigError, check_known
 from simrig.directions.spherical import to_vector, turned
 from simrig.rigs.imaging.sensor import Sensor
 from simrig.rigs.reflector.mirror import CONJUGATE, Reflector, follow
+
+if TYPE_CHECKING:
+    from simrig.instruments.parts import ProjectorPart
+    from simrig.instruments.quantity import Quantity
 
 PATTERNS = ("ray", "hadamard")
 _LUMENS_PER_WATT = 300.0  # of white light
@@ -38,7 +43,7 @@ _FULL = 0.9  # of the well, by the brightest bin
 _RAY_MM = 1.2  # along the opening's radius, of ray and bins
 _WHITE, _WHITE_SWEEPS = 0.9, 100  # 20 minutes, once for an instrument
 _LEAST_LIT = 0.2  # of the usual, by the white reference: pupils that hardly overlap
-_BLACK_FRAMES = 10
+BLACK_FRAMES = 10
 _LEAK_RINGS, _LEAK_SECTORS = 8, 36
 _GAUSS = 0.5 / np.sqrt(3.0)  # two points of an interval of width 1
 _AT_ONCE = 16  # blocks whose BRDF is evaluated together
@@ -75,6 +80,14 @@ class Projector:
                 raise SimrigError(
                     f"{field.name} of a projector must be finite and above 0, got {value}"
                 )
+
+    @classmethod
+    def of(cls, said: ProjectorPart, fps: Quantity) -> Self:
+        """Return what an instrument file says."""
+        numbers = {name: getattr(said, name).value for name in
+                   ("lumens", "contrast", "pupil_mm", "beside_mm")}  # fmt: skip
+        width, height = (side.value for side in said.frame_mm)
+        return cls(frame_mm=(width, height), fps=fps.value, **numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +164,7 @@ def measure_subspace(
     white, _, _ = _white(stage, noise)
     lit = white > _LEAST_LIT * np.median(white)
     values = np.divide(seen, white, out=np.full_like(seen, np.nan), where=lit) * (_WHITE / np.pi)
-    pictures = len(stage.lit) + _BLACK_FRAMES
+    pictures = len(stage.lit) + BLACK_FRAMES
     return Subspace(
         theta_i, theta_v, stage.phi, values, patterns, exposure, pictures,
         pictures / stage.projector.fps, leak,
@@ -238,19 +251,33 @@ def _stage(
     )
 
 
-def _radius(mirror: Reflector, theta: float) -> float:
-    """Return where on the opening the direction lies, mm, by the mirror without imperfections."""
+@lru_cache(maxsize=8)
+def _polar_angles(mirror: Reflector) -> tuple[np.ndarray, np.ndarray]:
+    """Return ascending polar angles and where on the opening they lie, without imperfections."""
     radius = np.linspace(0.5, 0.5 * mirror.large_opening_mm - 0.5 * _RAY_MM, 4000)
     paths = follow(mirror.perfect, mirror.lens, np.stack([radius, 0.0 * radius], -1), 1)
+    if not paths.valid.any():
+        raise SimrigError("the mirror sends no ray from its far focus to the sample")
     polar = np.arctan2(np.hypot(*paths.towards[:, :2].T), paths.towards[:, 2])[paths.valid]
-    if not len(polar) or not polar.min() <= theta <= polar.max():
-        ends = np.degrees([polar.min(), polar.max()]) if len(polar) else (np.nan, np.nan)
-        raise SimrigError(
-            f"the mirror covers polar angles from {ends[0]:.1f} to {ends[1]:.1f} degrees, got "
-            f"{np.degrees(theta):g}"
-        )
     order = np.argsort(polar)
-    return float(np.interp(theta, polar[order], radius[paths.valid][order]))
+    return polar[order], radius[paths.valid][order]
+
+
+def covered(mirror: Reflector) -> tuple[float, float]:
+    """Return the smallest and the largest polar angle that a ray reaches, radians."""
+    polar, _ = _polar_angles(mirror)
+    return float(polar[0]), float(polar[-1])
+
+
+def _radius(mirror: Reflector, theta: float) -> float:
+    """Return where on the opening the direction lies, mm."""
+    polar, radius = _polar_angles(mirror)
+    if not polar[0] <= theta <= polar[-1]:
+        raise SimrigError(
+            f"the mirror covers polar angles from {np.degrees(polar[0]):.1f} to "
+            f"{np.degrees(polar[-1]):.1f} degrees, got {np.degrees(theta):g}"
+        )
+    return float(np.interp(theta, polar, radius))
 
 
 def _rays(
@@ -337,7 +364,7 @@ def _recorded(
     leak = float(dark.mean() / max(rays.mean(), 1e-300))
     if noise:
         shown = _exposed(stage, rates, exposure, (seed, 0), sweeps)
-        dark = _exposed(stage, dark[None], exposure, (seed, 1), _BLACK_FRAMES * sweeps)[0]
+        dark = _exposed(stage, dark[None], exposure, (seed, 1), BLACK_FRAMES * sweeps)[0]
     else:
         shown = rates
     decoded = np.linalg.solve(stage.lit, (shown - dark).reshape(len(shown), -1))
