@@ -49,8 +49,8 @@ class SubspacePlan(ListedPlan):
         azimuths: int = 360,
     ) -> Self:
         """Return the plan that options give."""
-        thetas = np.radians([subspace_theta_i, subspace_theta_v])
-        return cls(*map(float, thetas), azimuths)
+        theta_i, theta_v = np.radians([subspace_theta_i, subspace_theta_v])
+        return cls(float(theta_i), float(theta_v), azimuths)
 
     @property
     def theta_max(self) -> float:
