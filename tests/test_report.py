@@ -86,8 +86,8 @@ def test_nothing_comes_from_outside(report: str) -> None:
 
 def test_every_picture_is_a_png_and_has_a_description(report: str) -> None:
     images = [attributes for tag, attributes in Reader(report).tags if tag == "img"]
-    # reference, two reconstructions with differences; slices; BRDF with two and differences; plots
-    assert len(images) == 1 + 4 + 1 + 1 + 4 + 2
+    # reference, two reconstructions with differences; slices; BRDF with two and differences; sheet; plots
+    assert len(images) == 1 + 4 + 1 + 1 + 4 + 1 + 2
     for image in images:
         data = base64.b64decode((image["src"] or "").partition(",")[2], validate=True)
         assert data.startswith(b"\x89PNG\r\n\x1a\n")
