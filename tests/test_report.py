@@ -86,7 +86,8 @@ def test_nothing_comes_from_outside(report: str) -> None:
 
 def test_every_picture_is_a_png_and_has_a_description(report: str) -> None:
     images = [attributes for tag, attributes in Reader(report).tags if tag == "img"]
-    # reference, two reconstructions with differences; slices; BRDF with two and differences; sheet; plots
+    # reference, two reconstructions with differences; slices; BRDF with two and differences;
+    # the anisotropy's sheet; plots
     assert len(images) == 1 + 4 + 1 + 1 + 4 + 1 + 2
     for image in images:
         data = base64.b64decode((image["src"] or "").partition(",")[2], validate=True)
