@@ -9,16 +9,17 @@ import pytest
 
 from simrig.brdf import KURT_MATERIALS
 from simrig.directions.schemes import uniform_scheme
+from simrig.evaluation.studies import STUDIES
 from simrig.evaluation.studies.engine.run import run_study
 from simrig.evaluation.studies.material_sets import material_sets
 from simrig.evaluation.studies.table_5_2.study import (
     PUBLISHED,
     PUBLISHED_MEAN,
-    STUDY,
     run_cell,
     summarise,
 )
 
+STUDY = STUDIES["table-5-2"]
 SMALL = {
     **STUDY.presets["quick"],
     "materials": ["purple_satin", "wood01", "wood01_rescaled"],
