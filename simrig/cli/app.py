@@ -20,6 +20,7 @@ from simrig.cli import (
     distance,
     doctor,
     experiment,
+    film,
     frame,
     info,
     instrument,
@@ -129,6 +130,7 @@ _PROCESS: Commands = {
     "plane": process.plane,
     "tile": process.tile,
     "recording": process.recording,
+    "gantry": film.gantry,
 }
 _EXPERIMENT: Commands = {
     "init": web_experiment.init,

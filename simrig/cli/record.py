@@ -11,6 +11,7 @@ import typer
 
 from simrig.cli import effect_options, frame
 from simrig.cli.declared import Declarers, given_options
+from simrig.cli.film import films, record_film, refuse_of_films
 from simrig.cli.options import Scheduler, Workers, sides, spread_over
 from simrig.core.errors import SimrigError
 
@@ -38,7 +39,8 @@ def record(
         str, typer.Option(help="An instrument file (.toml), or a name.")
     ] = "utia",
     plan: Annotated[
-        str | None, typer.Option(help="Where to look: scheme (unless given) or directions.")
+        str | None,
+        typer.Option(help="Where to look: scheme (unless given), directions, or gantry."),
     ] = None,
     sample_mm: Annotated[
         float | None, typer.Option(help="Side of the sample; the instrument's diameter else.")
@@ -62,6 +64,8 @@ def record(
 ) -> frame.Report:
     """Record the raw pictures of a flat sample, pose by pose, and those of the calibration.
 
+    With --plan gantry and an instrument that films: a video for every slice.
+
     Every finished picture is kept: after Ctrl-C or a kill the same command goes on.
     """
     from simrig.core.effects import Overrides
@@ -79,6 +83,11 @@ def record(
         description = description.with_lens(lens_mm)
     wishes = given_options(context, PLANS.values())
     made = make_plan(plan or implied_plan(wishes, "scheme"), None, **wishes)
+    if films(description, made):
+        refuse_of_films(pixels=pixels, lens_mm=lens_mm, workers=workers, scheduler=scheduler)
+        own = None if ideal else effects
+        size = {"sample_mm": sample_mm, "spp": spp, "seed": seed}
+        return record_film(material, description, made, output, own, **size)
     request, truth = request_of(
         material,
         description,

@@ -18,6 +18,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError
 from simrig.core.errors import SimrigError, check_known, unknown_name
 from simrig.files.text import read_toml
 from simrig.instruments.calibration import Alternative, Calibration, check_alternatives
+from simrig.instruments.filming import Film
 from simrig.instruments.parts import (
     About,
     Axis,
@@ -97,6 +98,7 @@ class GantryDescription(Description):
     coupling: list[Coupling] = Field(default=[])
     sample: Sample | None = None
     timing: SliceTiming
+    film: Film | None = None
 
 
 class BtfDescription(Description):

@@ -11,7 +11,7 @@ specular highlights) and 6.4.4 (more polar angles and slices).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -68,6 +68,8 @@ class GantryPlan(ListedPlan):
         lowest_samples: the same where both arms are at their lowest polar angle.
         highlights: two more samples 1° beside each specular highlight that a diagonal slice
             crosses, 208 samples with ``lowest_samples`` = 24.
+        filmed: φ_v of the samples of every slice where a film has them, radians ascending within
+            one turn, in place of even ones.
     """
 
     name: ClassVar[str] = "gantry"
@@ -89,6 +91,7 @@ class GantryPlan(ListedPlan):
     slice_samples: int = 24
     lowest_samples: int = 12
     highlights: bool = False
+    filmed: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         theta = np.asarray(self.thetas, dtype=np.float64)
@@ -116,7 +119,10 @@ class GantryPlan(ListedPlan):
     @classmethod
     def restored(cls, settings: Mapping[str, Any], angles: np.ndarray) -> Self:
         """Return the plan of a stored measurement (see ``Plan.restored``)."""
-        return cls(**{**settings, "thetas": tuple(settings["thetas"])})
+        lists: dict[str, Any] = {"thetas": tuple(settings["thetas"])}
+        if settings.get("filmed"):
+            lists["filmed"] = tuple(tuple(own) for own in settings["filmed"])
+        return cls(**{**settings, **lists})
 
     def check_layout(self, angles: np.ndarray, layout: Mapping[str, np.ndarray]) -> None:
         """Refuse directions that are not those of the slices."""
@@ -154,7 +160,7 @@ class GantryPlan(ListedPlan):
     def slices(self) -> tuple[GantrySlice, ...]:
         """Every slice: by pair, axial ones first."""
         alpha, beta = self.offsets
-        found = []
+        found: list[GantrySlice] = []
         for pair in self.pairs:
             count = self.lowest_samples if pair == (0, 0) else self.slice_samples
             steps = np.arange(count) * (TWO_PI / count)
@@ -163,7 +169,14 @@ class GantryPlan(ListedPlan):
                 GantrySlice(DIAGONAL, pair, float(b), self._diagonal_positions(b, steps))
                 for b in beta
             ]
-        return tuple(found)
+        if self.filmed is None:
+            return tuple(found)
+        if len(self.filmed) != len(found) or min(map(len, self.filmed)) < 4:
+            raise SimrigError(f"{len(found)} filmed slices of at least four samples are needed")
+        return tuple(
+            replace(one, positions=np.array(own))
+            for one, own in zip(found, self.filmed, strict=True)
+        )
 
     def _diagonal_positions(self, beta: float, steps: np.ndarray) -> np.ndarray:
         """Return positions that meet both specular highlights, φ_v − φ_i = 180°."""

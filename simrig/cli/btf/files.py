@@ -133,7 +133,7 @@ def average(
 
 
 def from_slices(
-    measured: Annotated[Path, typer.Argument(help="A BTF with the gantry's 168 images (.h5).")],
+    measured: Annotated[Path, typer.Argument(help="A BTF with a gantry's images of slices (.h5).")],
     output: Annotated[Path, typer.Argument(help="The BTF of 81 × 81 directions (.h5).")],
     method: Annotated[
         str, typer.Option(help="gantry-a, gantry-b or gantry-bd, as of 'reconstruct'.")
@@ -143,11 +143,13 @@ def from_slices(
     """Reconstruct a BTF of 6,561 images from the 168 of a gantry, texel by texel."""
     from simrig.files.btf.hdf5 import read_btf, write_btf
     from simrig.reconstruction.gantry.btf import reconstruct_btf
+    from simrig.rigs.film.made import filmed_plan
 
     elapsed = stopwatch()
     with output_file(output, overwrite):
+        slices = read_btf(measured)
         with frame.progress(f"{measured.name}, {method}; texels") as report:
-            stack = reconstruct_btf(read_btf(measured), method, progress=report)
+            stack = reconstruct_btf(slices, method, plan=filmed_plan(slices), progress=report)
         write_btf(output, stack)
     data = described(output) | {"seconds": elapsed()}
     return frame.Report(

@@ -7,7 +7,7 @@ more than what is left. Perspective is no effect: every pixel looks where it loo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -257,6 +257,7 @@ def plan_pictures(
     overrides: Overrides | None = None,
     samples: int | None = None,
     spot_mm: float | None = None,
+    effects: Sequence[PictureEffect] | None = None,
 ) -> EffectPlan:
     """Decide which effects pictures simulate.
 
@@ -271,6 +272,7 @@ def plan_pictures(
         overrides: what the user decided.
         samples: that will be measured; as many as there are angles unless given.
         spot_mm: diameter that a value is read from; the instrument's unless given.
+        effects: that are asked; ``EFFECTS`` unless given.
 
     Raises:
         SimrigError: overrides that name an unknown effect.
@@ -293,7 +295,7 @@ def plan_pictures(
         direct = RigSubject(material, instrument, angles[::step], count)
     hours = optics.description.timing.per_sample_s.value * count / 3600.0
     subject = Subject(optics, direct, count, hours)
-    decisions = decide(EFFECTS, subject, tolerance, overrides)
+    decisions = decide(effects or EFFECTS, subject, tolerance, overrides)
     settings = {
         "level": "imaging",
         "effects": [decision.effect for decision in decisions if decision.on],

@@ -227,7 +227,7 @@ class Recording:
                     "format": FORMAT,
                     "version": VERSION,
                     "material": camera.material.name,
-                    "fingerprint": _identity(camera.material),
+                    "fingerprint": identity_of(camera.material),
                     "plan": self.plan,
                     "seed": camera.seed,
                     "effects": {name: name in camera.effects for name in EFFECT_NAMES},
@@ -343,7 +343,7 @@ def kept(folder: Path, part: str) -> Checkpoint:
     return Checkpoint(folder / part, {"recording": part})
 
 
-def _identity(material: Any) -> str:
+def identity_of(material: Any) -> str:
     """Return a short text by which a recording knows its material again."""
     if isinstance(material, BtfStack):
         ends = [np.asarray(material.values[k]) for k in (0, -1)]

@@ -43,7 +43,11 @@ class View:
 
 
 def view_of(
-    optics: Optics, camera_to_world: np.ndarray, distorted: bool, lens: np.ndarray | None = None
+    optics: Optics,
+    camera_to_world: np.ndarray,
+    distorted: bool,
+    lens: np.ndarray | None = None,
+    frame_z_mm: float = 0.0,
 ) -> View:
     """Return what the pixels of a camera see.
 
@@ -56,6 +60,7 @@ def view_of(
         distorted: the lens distorts.
         lens: (2,) point of the lens that is looked through, mm from its centre; the lens is
             focused on what is as far as the sample's centre.
+        frame_z_mm: of the frame, above the sample.
     """
     at = np.zeros(2) if lens is None else np.asarray(lens)
     origin = camera_to_world[:3, 3] + camera_to_world[:3, :2] @ at
@@ -66,19 +71,26 @@ def view_of(
     ray = [x * turn[k, 0] + y * turn[k, 1] + depth * turn[k, 2] for k in range(3)]
     # a pixel that looks past the horizon sees no plane
     down = np.where(ray[2] < -1e-12, ray[2], np.nan)
-    reach = -origin[2] / down
-    centre = np.stack([origin[0] + reach * ray[0], origin[1] + reach * ray[1]], axis=-1)
     step = depth / optics.intrinsics[0, 0]
-    steps = [
-        (reach * step)[..., None]
-        * np.stack([turn[k, c] - ray[k] * (turn[2, c] / down) for k in (0, 1)], axis=-1)
-        for c in (0, 1)
-    ]
+
+    def plane(z: float) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return where pixels look at a height, and how a step to the right and down moves that."""
+        reach = (z - origin[2]) / down
+        shown = np.stack([origin[0] + reach * ray[0], origin[1] + reach * ray[1]], axis=-1)
+        return shown, [
+            (reach * step)[..., None]
+            * np.stack([turn[k, c] - ray[k] * (turn[2, c] / down) for k in (0, 1)], axis=-1)
+            for c in (0, 1)
+        ]
+
+    centre, steps = plane(0.0)
     half = 0.5 * optics.sample_mm
     sample, frame = _square(centre, steps, half), np.zeros(centre.shape[:2])
+    framed = centre
     if optics.frame_mm is not None and not np.all(sample == 1.0):
         inner, outer = (0.5 * side for side in optics.frame_mm)
-        frame = _square(centre, steps, outer) - _square(centre, steps, inner)
+        framed, across = (centre, steps) if frame_z_mm == 0.0 else plane(frame_z_mm)
+        frame = _square(framed, across, outer) - _square(framed, across, inner)
     on, around = sample.ravel() > 0.0, frame.ravel() > 0.0
     flat = np.concatenate([centre.reshape(-1, 2), np.zeros((centre[..., 0].size, 1))], axis=1)
     inside = flat[on]
@@ -90,7 +102,7 @@ def view_of(
         np.stack([part.reshape(-1, 2)[on] for part in steps]),
         sample.ravel()[on],
         np.flatnonzero(around),
-        flat[around],
+        np.pad(framed.reshape(-1, 2)[around], ((0, 0), (0, 1)), constant_values=frame_z_mm),
         frame.ravel()[around],
         1.0 - sample - frame,
     )

@@ -1,0 +1,133 @@
+"""Which frames of a film are taken (thesis section 6.2.3): the sharpest near every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy import ndimage
+
+from simrig.core.errors import SimrigError
+from simrig.imaging.checks import finite_array
+
+_REACH = 4  # frames to both sides among which the sharpest is taken
+_EDGE = 3.0  # times the median slope, above which a pixel is on an edge
+_TURN = 2.0 * np.pi
+
+
+def blur_metric(picture: np.ndarray) -> float:
+    """Return the mean width of the vertical edges of a picture, in pixels.
+
+    The width of an edge is the distance along the row between the extrema on both its sides.
+
+    Args:
+        picture: (height, width).
+
+    Raises:
+        SimrigError: values that are no picture.
+
+    Source: Marziliano, Dufaux, Winkler and Ebrahimi, A no-reference perceptual blur metric, 2002.
+    """
+    grey = finite_array(picture, "the picture", (2,)).astype(np.float64)
+    if min(grey.shape) < 4:
+        raise SimrigError(f"a picture of at least 4 × 4 pixels, got {grey.shape}")
+    slope = np.abs(ndimage.sobel(grey, axis=1))
+    steepest = ndimage.maximum_filter1d(slope, 3, axis=1) == slope
+    edges = steepest & (slope > max(_EDGE * float(np.median(slope)), 0.1 * float(slope.max())))
+    edges &= slope > 0.0
+    if not edges.any():
+        return float(picture.shape[1])
+    rising = np.diff(grey, axis=1)
+    columns = np.broadcast_to(np.arange(grey.shape[1]), grey.shape)
+    # pixels where the row turns from rising to falling or back, and its ends
+    turns = np.ones(grey.shape, dtype=bool)
+    turns[:, 1:-1] = rising[:, :-1] * rising[:, 1:] <= 0.0
+    turns &= ~edges
+    turns[:, [0, -1]] = True
+    before = np.maximum.accumulate(np.where(turns, columns, 0), axis=1)
+    after = np.where(turns, columns, grey.shape[1] - 1)[:, ::-1]
+    after = np.minimum.accumulate(after, axis=1)[:, ::-1]
+    return float((after - before)[edges].mean())
+
+
+def candidates(phi: np.ndarray, targets: np.ndarray, reach: int = _REACH) -> list[np.ndarray]:
+    """Return, for every target, the frames among which the sharpest is taken.
+
+    Args:
+        phi: (n,) azimuth of every frame in radians, NaN where it is not known.
+        targets: (t,) azimuths.
+        reach: frames to both sides of the nearest one.
+
+    Returns:
+        Numbers of frames for each target; none where no frame is near it.
+    """
+    known = np.flatnonzero(np.isfinite(phi))
+    found: list[np.ndarray] = []
+    step = _step(phi[known])
+    for target in targets:
+        if not len(known):
+            found.append(known)
+            continue
+        away = np.abs(apart(phi[known], target))
+        nearest = int(known[away.argmin()])
+        near = known[np.abs(known - nearest) <= reach]
+        close = np.abs(apart(phi[near], target)) <= (reach + 1.5) * step
+        found.append(near[close] if away.min() <= (reach + 1.0) * step else near[:0])
+    return found
+
+
+def chosen_frames(
+    phi: np.ndarray,
+    targets: np.ndarray,
+    beside: np.ndarray,
+    bright: np.ndarray,
+    blur: Mapping[int, float],
+) -> tuple[list[int], int]:
+    """Return the frames that are taken, ascending, and how many targets have none.
+
+    Args:
+        phi: (n,) azimuth of every frame in radians, NaN where it is not known.
+        targets: azimuths at which the sharpest frame near is taken.
+        beside: azimuths at which the nearest one is, next to a highlight.
+        bright: (n,) how bright the sample is; the two brightest frames are taken.
+        blur: of frames by number (``blur_metric``); others are not looked at.
+    """
+    taken, missed = set(), 0
+    for near in candidates(phi, targets):
+        seen = [int(k) for k in near if int(k) in blur]
+        missed += not seen
+        if seen:
+            taken.add(min(seen, key=lambda k: blur[k]))
+    for near in candidates(phi, beside, 0):
+        taken |= {int(k) for k in near if int(k) in blur}
+    order = np.argsort(np.where(np.isfinite(phi), bright, -np.inf))[::-1]
+    taken |= {int(k) for k in order[:2] if int(k) in blur}
+    return sorted(taken), missed
+
+
+def apart(phi: np.ndarray, target: float) -> np.ndarray:
+    """Return the difference of azimuths, within ±π."""
+    return np.asarray((phi - target + np.pi) % _TURN - np.pi)
+
+
+def steady(phi: Sequence[float] | np.ndarray, most: float = np.radians(4.0)) -> np.ndarray:
+    """Return azimuths of frames without those that no turning arm explains: NaN in their place.
+
+    Args:
+        phi: (n,) radians, NaN where it is not known.
+        most: from the median of the neighbours, radians, at frames that follow each other.
+    """
+    made = np.array(phi, dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(made))
+    if len(known) < 5:
+        return np.full(len(made), np.nan)
+    turn = np.unwrap(made[known])
+    smooth = ndimage.median_filter(turn, 9, mode="nearest")
+    made[known[np.abs(turn - smooth) > most]] = np.nan
+    return made
+
+
+def _step(phi: np.ndarray) -> float:
+    """Return by how much a frame turns, in the median."""
+    turned = np.abs((np.diff(phi) + np.pi) % _TURN - np.pi)
+    return float(np.median(turned)) if len(turned) else 0.0

@@ -1,0 +1,1 @@
+"""A gantry that films: slices as videos, and what they become (thesis section 6.2)."""
