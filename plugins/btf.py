@@ -14,13 +14,17 @@ from simrig.btf.full import BUDGET_BYTES, OVER_BUDGET, FullBtf
 from simrig.btf.grid import MISSING
 from simrig.btf.mipmap import MOST_ANISOTROPY
 from simrig.btf.spatial import SpatialBrdf
+from simrig.btf.stack import BtfStack
+from simrig.btf.varying import METHODS
 from simrig.core.errors import SimrigError, unknown_name
 from simrig.plugins.adapter import to_number
 from simrig.plugins.footprint import Cone
 from simrig.plugins.named import number, resolved
 
 FORMS = ("full", "factored")
-_OPTIONS = ("missing", "over_budget", "budget", "anisotropy", "form", "tolerance")
+_OPTIONS = (
+    "missing", "over_budget", "budget", "anisotropy", "form", "tolerance", "time", "interpolation"
+)  # fmt: skip
 _KEPT_BYTES = 1 << 29  # of tables that stay in memory for the next scene
 _MIB = 1 << 20
 _shared: WeakValueDictionary[tuple, SpatialBrdf] = WeakValueDictionary()
@@ -32,7 +36,9 @@ def define_btf(adapter: type) -> type:
 
     | parameter | type | default | differentiable | meaning |
     | --- | --- | --- | --- | --- |
-    | filename | string | required | – | an image stack or a factored BTF of simrig (HDF5) |
+    | filename | string | required | – | a stack or a factored BTF (HDF5), or a sequence (.toml) |
+    | time | float | required | – | of a sequence, a BTF that changes with time |
+    | interpolation | string | linear | – | of a sequence: `linear`, `staf`, `displacement` |
     | form | string | full | – | of a stack: `full`, or `factored` when it is loaded |
     | tolerance | float | 0.2 | – | error of factors that are made here |
     | scale | float | required | – | mm of material per unit of u |
@@ -103,6 +109,8 @@ def define_btf(adapter: type) -> type:
                 "anisotropy": number(props, "anisotropy", MOST_ANISOTROPY),
                 "form": _choice(props, "form", FORMS),
                 "tolerance": number(props, "tolerance", TOLERANCE),
+                "time": number(props, "time", 0.0),
+                "interpolation": _choice(props, "interpolation", tuple(METHODS)),
             }
             given = {name: value for name, value in options.items() if name in asked}
             if not any(number(props, name, 0.0) for name in ("pixel_angle", "pixel_width")):
@@ -158,13 +166,13 @@ def _read(path: Path, given: dict[str, Any]) -> SpatialBrdf:
     from simrig.files.btf.hdf5 import read_btf
     from simrig.files.hdf5 import content_of, read_brdf
 
-    budget = int(_MIB * given.get("budget", BUDGET_BYTES / _MIB))
-    if content_of(path) == "brdf":
+    budget, at = int(_MIB * given.get("budget", BUDGET_BYTES / _MIB)), _at_time(path, given)
+    if at is None and content_of(path) == "brdf":
         brdf = read_brdf(path)
         if not isinstance(brdf, FactoredBtf):
             raise SimrigError(f"simrig_btf: '{path}' holds a BRDF: use simrig_table")
         return _of_factors(path, brdf, budget, given)
-    stack, form = read_btf(path), given.get("form", FORMS[0])
+    stack, form = read_btf(path) if at is None else at, given.get("form", FORMS[0])
     anisotropy = int(given.get("anisotropy", MOST_ANISOTROPY))
     if form == "full":
         _refuse(given, {"tolerance"}, "the full form has no factors")
@@ -175,6 +183,18 @@ def _read(path: Path, given: dict[str, Any]) -> SpatialBrdf:
     return FactoredBtf.from_stack(
         stack, tolerance=tolerance, anisotropy=anisotropy, budget_bytes=budget
     )
+
+
+def _at_time(path: Path, given: dict[str, Any]) -> BtfStack | None:
+    """Return a BTF that changes with time at the one that is asked for; None of a file of one."""
+    from simrig.files.btf.sequence import read_sequence
+
+    if path.suffix.lower() != ".toml":
+        _refuse(given, {"time", "interpolation"}, f"'{path}' does not change with time")
+        return None
+    if "time" not in given:
+        raise SimrigError(f"simrig_btf: '{path}' changes with time: 'time' is missing")
+    return read_sequence(path).at(given["time"], given.get("interpolation", "linear"))
 
 
 def _of_factors(path: Path, brdf: FactoredBtf, budget: int, given: dict[str, Any]) -> FactoredBtf:

@@ -14,12 +14,12 @@ from simrig.directions.schemes import HemisphereScheme, Ring
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
 from simrig.reconstruction.gantry.texels import texel_method
-from simrig.reconstruction.transport.circle import (
+from simrig.core.transport.circle import (
     circle_displacement,
     circle_plans,
     transport_circle,
 )
-from simrig.reconstruction.transport.grid import displacement, transport_library, transport_rows
+from simrig.core.transport.grid import displacement, transport_library, transport_rows
 from simrig.rigs.gantry.rig import Gantry
 
 PLAN = GantryPlan()

@@ -23,7 +23,7 @@ from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import SubspaceNodes
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import subspaces
-from simrig.reconstruction.transport.grid import displacement, transport_rows
+from simrig.core.transport.grid import displacement, transport_rows
 from simrig.rigs.measurements.measurement import Measurement
 
 _AZIMUTHS = 8

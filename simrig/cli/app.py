@@ -41,6 +41,7 @@ from simrig.cli import (
 )
 from simrig.cli.btf import files as btf_files
 from simrig.cli.btf import measure as btf
+from simrig.cli.btf import varying as btf_varying
 from simrig.cli.declared import declaring
 
 Commands = dict[str, Callable[..., frame.Report]]
@@ -100,6 +101,9 @@ _BTF: Commands = {
     "fill": btf_files.fill,
     "average": btf_files.average,
     "from-slices": btf_files.from_slices,
+    "sequence": btf_varying.sequence,
+    "at": btf_varying.at,
+    "animate": btf_varying.animate,
 }
 _DATABASE: Commands = {
     "build": database.build,

@@ -11,7 +11,9 @@ from simrig.core.errors import SimrigError
 from simrig.imaging.checks import finite_array
 
 _REACH = 4  # frames to both sides among which the sharpest is taken
+_BRIGHTER = 1.05  # than any frame near a step, which a highlight between steps is
 _EDGE = 3.0  # times the median slope, above which a pixel is on an edge
+_AROUND = 5  # frames to both sides that a line goes through
 _TURN = 2.0 * np.pi
 
 
@@ -56,7 +58,7 @@ def candidates(phi: np.ndarray, targets: np.ndarray, reach: int = _REACH) -> lis
     Args:
         phi: (n,) azimuth of every frame in radians, NaN where it is not known.
         targets: (t,) azimuths.
-        reach: frames to both sides of the nearest one.
+        reach: turned by so many frames at most to both sides; 0 is the nearest frame.
 
     Returns:
         Numbers of frames for each target; none where no frame is near it.
@@ -69,10 +71,10 @@ def candidates(phi: np.ndarray, targets: np.ndarray, reach: int = _REACH) -> lis
             found.append(known)
             continue
         away = np.abs(apart(phi[known], target))
-        nearest = int(known[away.argmin()])
-        near = known[np.abs(known - nearest) <= reach]
-        close = np.abs(apart(phi[near], target)) <= (reach + 1.5) * step
-        found.append(near[close] if away.min() <= (reach + 1.0) * step else near[:0])
+        nearest = np.arange(len(known)) == away.argmin()
+        found.append(known[nearest | (away <= (reach + 0.5) * step)])
+        if away.min() > (reach + 1.0) * step:
+            found[-1] = known[:0]
     return found
 
 
@@ -89,7 +91,8 @@ def chosen_frames(
         phi: (n,) azimuth of every frame in radians, NaN where it is not known.
         targets: azimuths at which the sharpest frame near is taken.
         beside: azimuths at which the nearest one is, next to a highlight.
-        bright: (n,) how bright the sample is; the two brightest frames are taken.
+        bright: (n,) how bright the sample is; the two brightest frames are taken where they are
+            brighter than all others by more than what exposures and noise make of a frame.
         blur: of frames by number (``blur_metric``); others are not looked at.
     """
     taken, missed = set(), 0
@@ -100,8 +103,10 @@ def chosen_frames(
             taken.add(min(seen, key=lambda k: blur[k]))
     for near in candidates(phi, beside, 0):
         taken |= {int(k) for k in near if int(k) in blur}
-    order = np.argsort(np.where(np.isfinite(phi), bright, -np.inf))[::-1]
-    taken |= {int(k) for k in order[:2] if int(k) in blur}
+    known = np.where(np.isfinite(phi) & np.isfinite(bright), bright, -np.inf)
+    brightest = _BRIGHTER * max((known[k] for k in taken), default=0.0)
+    order = np.argsort(known)[::-1]
+    taken |= {int(k) for k in order[:2] if int(k) in blur and known[k] > brightest}
     return sorted(taken), missed
 
 
@@ -111,7 +116,9 @@ def apart(phi: np.ndarray, target: float) -> np.ndarray:
 
 
 def steady(phi: Sequence[float] | np.ndarray, most: float = np.radians(4.0)) -> np.ndarray:
-    """Return azimuths of frames without those that no turning arm explains: NaN in their place.
+    """Return azimuths of frames as an arm turns: along lines through those of frames around.
+
+    What no turning arm explains is NaN.
 
     Args:
         phi: (n,) radians, NaN where it is not known.
@@ -123,8 +130,16 @@ def steady(phi: Sequence[float] | np.ndarray, most: float = np.radians(4.0)) -> 
         return np.full(len(made), np.nan)
     turn = np.unwrap(made[known])
     smooth = ndimage.median_filter(turn, 9, mode="nearest")
-    made[known[np.abs(turn - smooth) > most]] = np.nan
-    return made
+    good = np.abs(turn - smooth) <= most
+    made[known[~good]] = np.nan
+    known, turn = known[good], turn[good]
+    for place, frame in enumerate(known):
+        part = slice(max(place - _AROUND, 0), place + _AROUND + 1)
+        away = known[part] - frame
+        near = np.abs(away) <= _AROUND
+        if near.sum() > 2:
+            made[frame] = np.polynomial.polynomial.polyfit(away[near], turn[part][near], 1)[0]
+    return np.asarray((made + np.pi) % _TURN - np.pi)
 
 
 def _step(phi: np.ndarray) -> float:

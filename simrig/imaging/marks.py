@@ -54,14 +54,18 @@ def expected_frame(camera: Camera, corners_mm: np.ndarray) -> np.ndarray:
 
 
 def find_frame(
-    picture: np.ndarray, expected: np.ndarray, camera: Camera | None = None
+    picture: np.ndarray,
+    expected: np.ndarray,
+    camera: Camera | None = None,
+    reach: float = _REACHES[0],
 ) -> FoundMarks:
     """Find the outer corners of a bright frame near where they are expected.
 
     Args:
         picture: (height, width) linear values; bright frame, dark outside.
-        expected: (4, 2) pixels, in order around the frame; within ten pixels.
+        expected: (4, 2) pixels, in order around the frame.
         camera: its distortion is undone, so that edges are straight.
+        reach: pixels within which the edges are expected.
 
     Raises:
         SimrigError: an edge that is not there, or leaves the picture.
@@ -74,11 +78,12 @@ def find_frame(
         corners = camera.straight(corners)
     noise, scatter = _grain(grey), np.zeros(4)
     used = [0, 0, 0, 0]
-    for reach in _REACHES:
+    for within in _REACHES:
         lines = []
         for side in range(4):
             ends = corners[side], corners[(side + 1) % 4]
-            places = _edge_places(grey, ends, corners.mean(axis=0), reach, noise, camera)
+            near = min(within, reach)
+            places = _edge_places(grey, ends, corners.mean(axis=0), near, noise, camera)
             line, scatter[side], used[side] = _line(places, side)
             lines.append(line)
         corners = np.array([_meeting(lines[side - 1], lines[side]) for side in range(4)])

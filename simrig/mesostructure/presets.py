@@ -8,9 +8,10 @@ from dataclasses import replace
 from importlib.resources import files
 from typing import Any
 
-from simrig.core.errors import check_known
+from simrig.core.errors import SimrigError, check_known
 from simrig.mesostructure.bsdfs import fibre
 from simrig.mesostructure.ceramic import Mosaic
+from simrig.mesostructure.changes import changed_tile
 from simrig.mesostructure.fibres import Nonwoven
 from simrig.mesostructure.grains import Sandpaper
 from simrig.mesostructure.knit import Knit
@@ -64,7 +65,8 @@ def build_tile(name: str, seed: int = 0, resolution: int | None = None) -> Tile:
     """Return the tile of a named material.
 
     Args:
-        name: one of ``PRESETS``.
+        name: one of ``PRESETS``; while it changes, with one of ``CHANGES`` and a time from 0 to 1:
+            "leather_tan+drying@0.5".
         seed: whole number >= 0; the same seed gives the same tile.
         resolution: steps along the longer side of the tile; by default what shows the material
             well (``PRESETS[name].resolution``).
@@ -72,7 +74,18 @@ def build_tile(name: str, seed: int = 0, resolution: int | None = None) -> Tile:
     Raises:
         SimrigError: unknown name, seed that is no whole number, resolution out of range.
     """
+    name, _, change = name.partition("+")
     check_known("material with structure", name, PRESETS)
     tile = PRESETS[name](seed=seed, resolution=resolution)
     origin = {"preset": name, "tile_seed": seed}
-    return replace(tile, origin=origin | ({"resolution": resolution} if resolution else {}))
+    tile = replace(tile, origin=origin | ({"resolution": resolution} if resolution else {}))
+    if not change:
+        return tile
+    kind, _, said = change.partition("@")
+    try:
+        time = float(said)
+    except ValueError:
+        raise SimrigError(
+            f"'{name}+{change}' says no time: write it as '{name}+drying@0.5', from 0 to 1"
+        ) from None
+    return changed_tile(tile, kind, time, seed)

@@ -21,18 +21,18 @@ from simrig.brdf.tables.resample import resample_dense
 from simrig.core import backend
 from simrig.core.errors import SimrigError, check_known
 from simrig.core.gamut import CLIP
+from simrig.core.transport.circle import transport_circle
+from simrig.core.transport.grid import (
+    transport_library,
+    transport_rows,
+    transport_subspaces,
+)
 from simrig.plans.gantry import measured_plan
 from simrig.plans.protocol import Measured
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
 from simrig.reconstruction.result import Reconstructed
 from simrig.reconstruction.scattered.rbf import NEIGHBOURS, reconstruct_rbf
-from simrig.reconstruction.transport.circle import transport_circle
-from simrig.reconstruction.transport.grid import (
-    transport_library,
-    transport_rows,
-    transport_subspaces,
-)
 
 METHODS = ("gantry-a", "gantry-b", "gantry-bd")
 TRANSPORTS: dict[str, Blend] = {

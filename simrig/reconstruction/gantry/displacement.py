@@ -4,7 +4,7 @@ Subspaces stand on even azimuths, polar angles are filled as ``fill_thetas`` doe
 at the wanted azimuths are linear between the even ones. Two ways to transport:
 
 - ``"circle"``: every line of every texel on its own, exactly, by order statistics and without a
-  solver (``simrig.reconstruction.transport.circle``), many texels at once.
+  solver (``simrig.core.transport.circle``), many texels at once.
 - ``"rows"``: as for a single BRDF, one network simplex per line; seconds per texel.
 
 Where several transports have the least cost the two may choose different ones.
@@ -16,11 +16,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from simrig.core.transport.circle import circle_displacement
+from simrig.core.transport.grid import transport_rows
 from simrig.directions.spherical import TWO_PI
 from simrig.reconstruction.gantry.pairs import EVEN, SAME_ANGLE, WantedPairs
 from simrig.reconstruction.gantry.polar_angles import fill_thetas, line_weights
-from simrig.reconstruction.transport.circle import circle_displacement
-from simrig.reconstruction.transport.grid import transport_rows
 
 _TEXELS = 32  # at once: their tables take some 17 MB
 

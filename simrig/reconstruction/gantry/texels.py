@@ -20,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 
 from simrig.core.errors import SimrigError, check_known
+from simrig.core.transport.grid import transport_library
 from simrig.directions.spherical import to_vector
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import METHODS, MOST_GLOBAL_NODES, SubspaceNodes
@@ -28,7 +29,6 @@ from simrig.reconstruction.gantry.pairs import EVEN, SAME_ANGLE, WantedPairs
 from simrig.reconstruction.gantry.polar_angles import line_weights
 from simrig.reconstruction.gantry.subspace import default_combination, subspaces
 from simrig.reconstruction.scattered.rbf import LOG_FLOOR, rbf_weights
-from simrig.reconstruction.transport.grid import transport_library
 
 # values of the plan's samples (samples, texels, 3) -> those of all pairs (pairs, texels, 3)
 TexelMethod = Callable[[np.ndarray], np.ndarray]

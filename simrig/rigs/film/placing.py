@@ -22,7 +22,12 @@ from simrig.rigs.film.motion import coupled
 from simrig.rigs.film.selection import FEWEST, Selected, linear
 from simrig.rigs.film.setup import Setup
 
-_CALIBRATED_BY = 64  # frames
+_BRIGHTER = 1.3  # than the middles of its edges, no place of the border is
+_IN_BORDER = 0.9  # of the way from the centre to the outer edge
+_REACH = 5.0  # pixels of the border from where it is found roughly
+_EXPLAINED = 0.5  # pixels of the corners from where a pose has them
+_CALIBRATED_BY = 96  # frames
+_ROUNDS, _OUTLIER = 4, 4.0  # of a calibration; times the median error
 _OFF_DEG = 4.0  # of the camera from where a slice has it
 _LEAST_STEP = 1e-4  # radians between frames of a slice
 
@@ -60,23 +65,46 @@ def calibrated(selected: Sequence[Selected], setup: Setup) -> tuple[Camera, floa
     lens = nominal = Camera(setup.whole.intrinsics, np.zeros(5), np.eye(4))
     error = np.nan
     for _ in range(2):  # edges are straight once the lens is known
-        marks = [m for s, k in places[::step] if (m := marks_of(s, k, lens)) is not None]
+        found = [m for s, k in places[::step] if (m := marks_of(s, k, lens)) is not None]
+        off = np.array([_unexplained(lens, corners, marks) for marks in found])
+        # arms before the border and blurred frames are no views of it
+        most = max(_EXPLAINED, 3.0 * float(np.median(off))) if len(off) else 0.0
+        marks = [m for m, o in zip(found, off, strict=True) if o <= most]
         if len(marks) < FEWEST:
             raise SimrigError(f"the border is found in {len(marks)} frames, {FEWEST} are needed")
         size = setup.whole.sensor.pixels
-        cameras, error = calibrate(corners, marks, size, nominal, distorted=True)
-        lens = Camera(cameras[0].matrix, cameras[0].distortion, np.eye(4))
+        for _ in range(_ROUNDS):
+            cameras, error = calibrate(corners, marks, size, nominal, distorted=True)
+            lens = Camera(cameras[0].matrix, cameras[0].distortion, np.eye(4))
+            off = np.array([_unexplained(lens, corners, own) for own in marks])
+            keep = off <= _OUTLIER * float(np.median(off))
+            if keep.all() or keep.sum() < FEWEST:
+                break
+            marks = [own for own, good in zip(marks, keep, strict=True) if good]
     return lens, float(error)
 
 
 def marks_of(one: Selected, index: int, lens: Camera) -> np.ndarray | None:
     """Return the border's corners in a frame, (4, 2) pixels; None where it is not found."""
-    grey = linear(one.frames[index]).mean(axis=-1)
+    grey, rough = linear(one.frames[index]).mean(axis=-1), one.marks[index] - one.corner
+    # in a highlight the sample outshines the border, and its edges would be taken for the border's
+    middle = rough.mean(axis=0) + _IN_BORDER * (rough - rough.mean(axis=0))
+    column, row = np.rint(0.5 * (middle + np.roll(middle, 1, axis=0))).astype(int).T
     try:
-        found = find_frame(grey, one.marks[index] - one.corner, shifted(lens, one.corner))
-    except SimrigError:
+        level = _BRIGHTER * float(grey[row, column].max())
+        found = find_frame(np.minimum(grey, level), rough, shifted(lens, one.corner), _REACH)
+    except (SimrigError, IndexError):
         return None
     return found.pixels + one.corner
+
+
+def _unexplained(lens: Camera, corners: np.ndarray, marks: np.ndarray) -> float:
+    """Return by how many pixels a pose leaves the corners off, at most."""
+    try:
+        seen = lens.posed(corners, marks).project(np.pad(corners, ((0, 0), (0, 1))))
+    except SimrigError:
+        return np.inf
+    return float(np.linalg.norm(seen - marks, axis=1).max())
 
 
 def shifted(camera: Camera, corner: np.ndarray) -> Camera:
@@ -113,7 +141,7 @@ def placed(
     cameras: list[tuple[int, Camera]] = []
     for index in range(len(chosen.numbers)):
         marks = marks_of(chosen, index, lens)
-        if marks is None:
+        if marks is None or _unexplained(lens, corners, marks) > _EXPLAINED:
             lost += 1
         else:
             cameras.append((index, lens.posed(corners, marks)))

@@ -136,7 +136,8 @@ class FilmProcessing:
                 own = self.setup.frames
                 self.progress(number * own + min(done, own), expected)
 
-        return select_frames(path, self.setup, *targets(self.plan, number), report)
+        theta_v = self.plan.thetas[self.plan.slices[number].pair[1]]
+        return select_frames(path, self.setup, *targets(self.plan, number), theta_v, report)
 
     # -- directions ------------------------------------------------------------------------------
 
@@ -201,8 +202,8 @@ class FilmProcessing:
         if self.chart is None:
             return None
         path, albedo, side = self.chart
-        still = _still(path, self.setup, self.corners)
         lens, one = self.lens[0], self.plan.slices[0]
+        still = _still(path, self.setup, self.corners, self.plan.thetas[one.pair[1]])
         marks = marks_of(still, 0, lens)
         if marks is None:
             raise SimrigError(f"the border is not found in '{path}'")
@@ -365,12 +366,12 @@ class FilmProcessing:
         }
 
 
-def _still(path: Path, setup: Setup, corners: np.ndarray) -> Selected:
+def _still(path: Path, setup: Setup, corners: np.ndarray, theta_v: float) -> Selected:
     """Return a still as if it were the only frame of a slice."""
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if picture is None:
         raise SimrigError(f"there is no picture '{path}' that can be read")
-    marks = located(picture, setup, corners)
+    marks = located(picture, setup, corners, theta_v)
     if marks is None:
         raise SimrigError(f"'{path}' does not show the border whole, with its dot")
     return Selected(np.zeros(1, int), picture[None, ..., ::-1], np.zeros(2, int), marks[None], 1)

@@ -37,7 +37,7 @@ STEP = np.radians(15.0)  # thesis section 6.2.3
 BESIDE = np.radians(1.0)
 _EVERY = 10  # frames between small pictures of the sample
 _NEAR_DEG = 3.0  # of a specular highlight: a small picture for every other frame
-_SHARPEST = 2  # frames near a step that are rendered whole
+_SHARPEST = 3  # frames near a step that are rendered whole
 _PERCENTILE = 98.0  # of the sample, which the exposure is set by
 
 
@@ -212,7 +212,7 @@ class Film:
         moved = camera.moved_pixels(motion, ends)[::2]
         steps, beside = targets(self.plan, motion.number)
         chosen: set[int] = set()
-        for near in candidates(phi, steps):
+        for near in candidates(phi, steps, 5):
             chosen |= set(near[np.argsort(moved[near], kind="stable")[:_SHARPEST]].tolist())
         for near in candidates(phi, beside, 1):
             chosen |= set(near.tolist())

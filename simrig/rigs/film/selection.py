@@ -27,6 +27,7 @@ from simrig.rigs.film.setup import Setup
 REDUCED = 4  # pixels in one where the border is looked for first
 FEWEST = 12  # frames that a slice has to have
 _BESIDE_PX = 64  # around the border: the black material
+_BRIGHT = 8.0  # times the black material: the border at least
 _CODES = decode_srgb(np.arange(256) / 255.0)
 
 
@@ -85,6 +86,7 @@ def select_frames(
     setup: Setup,
     steps: np.ndarray,
     beside: np.ndarray,
+    theta_v: float,
     progress: Progress | None = None,
 ) -> Selected:
     """Return the frames of a video that are taken.
@@ -93,13 +95,14 @@ def select_frames(
         path: of the video of one slice.
         setup: the instrument.
         steps, beside: azimuths of the camera that are wanted, radians (``recorder.targets``).
+        theta_v: polar angle of the camera, radians.
         progress: called with frames looked at and the expected number.
 
     Raises:
         SimrigError: no video, frames of another size, or too few that show the border whole.
     """
     report = progress or (lambda *_: None)
-    seen = _looked(path, setup, report)
+    seen = _looked(path, setup, theta_v, report)
     whole = np.isfinite(seen.phi)
     if whole.sum() < FEWEST:
         raise SimrigError(
@@ -143,13 +146,16 @@ def linear(frame: np.ndarray) -> np.ndarray:
     return np.asarray(_CODES[frame])
 
 
-def located(frame: np.ndarray, setup: Setup, corners: np.ndarray) -> np.ndarray | None:
+def located(
+    frame: np.ndarray, setup: Setup, corners: np.ndarray, theta_v: float
+) -> np.ndarray | None:
     """Return the border's outer corners in a frame, roughly, (4, 2) pixels in the sample's order.
 
     Args:
         frame: (height, width, 3) uint8, blue first.
         setup: the instrument.
         corners: (4, 2) mm.
+        theta_v: polar angle of the camera, radians, about.
 
     Returns:
         None where border and dot are not seen whole.
@@ -157,18 +163,23 @@ def located(frame: np.ndarray, setup: Setup, corners: np.ndarray) -> np.ndarray 
     Raises:
         SimrigError: a frame of another size than the camera's.
     """
-    width, height = setup.whole.sensor.pixels
-    if frame.shape[:2] != (height, width):
+    size = np.array(setup.whole.sensor.pixels)
+    if frame.shape[:2] != (size[1], size[0]):
         raise SimrigError(
             f"frames of {frame.shape[1]} × {frame.shape[0]} pixels, the instrument's camera has "
-            f"{width} × {height}"
+            f"{size[0]} × {size[1]}"
         )
-    grey = _reduced(frame)
+    window = np.minimum(1.2 * np.array(setup.window(theta_v)), size) // (2 * REDUCED)
+    low = ((size // (2 * REDUCED) - window) * REDUCED).astype(int)
+    grey = _reduced(frame[low[1] : size[1] - low[1], low[0] : size[0] - low[0]])
+    shown = _CODES[grey]
+    # most of it is the black material; what is bright counts no more than the border
+    shown = np.minimum(shown / max(float(np.percentile(shown, 30.0)), 1e-6), _BRIGHT)
     try:
-        found = _oriented(search_frame(grey.astype(np.float64)), grey, setup, corners)
+        found = _oriented(search_frame(shown), shown, setup, corners)
     except SimrigError:
         return None
-    return (found + 0.5) * REDUCED - 0.5
+    return (found + 0.5) * REDUCED - 0.5 + low
 
 
 def _reduced(frame: np.ndarray) -> np.ndarray:
@@ -177,14 +188,14 @@ def _reduced(frame: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY))
 
 
-def _looked(path: Path, setup: Setup, report: Progress) -> _Seen:
+def _looked(path: Path, setup: Setup, theta_v: float, report: Progress) -> _Seen:
     """Look at all frames of a video, reduced."""
     nominal = Camera(setup.whole.intrinsics, np.zeros(5), np.eye(4))
     corners = frame_corners(setup.outer_mm, setup.outer_mm)
     rolls, views, bright, marks = [], [], [], []
     for number, frame in read_frames(path):
         try:
-            found = located(frame, setup, corners)
+            found = located(frame, setup, corners, theta_v)
         except SimrigError as error:
             raise SimrigError(f"'{path.name}' has {error}") from error
         pose, seen = np.full((4, 4), np.nan), np.full((4, 2), np.nan)

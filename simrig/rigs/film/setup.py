@@ -60,36 +60,25 @@ class Setup:
         whole = Optics.of(raw, sample_mm, size, seed)
         assert whole.frame_mm is not None
         pitch = whole.moves.camera_mm / float(whole.intrinsics[0, 0])
-        radius = max(
-            whole.frame_mm[1] / np.sqrt(2.0),
-            float(np.hypot(description.film.dot_mm[0], description.film.dot_mm[1]))
-            + description.film.dot_diameter_mm.value,
-        )
-        away = whole.moves.camera_mm
-        # what is nearer to the camera is seen larger; 4 pixels for what vibrates and is off
-        reach = [
-            radius * share / (1.0 - radius * np.sin(theta_v) / away) / pitch + 4.0
-            for share in (1.0, np.cos(theta_v) + np.sin(np.radians(1.0)))
-        ]
-        step = 2 * COARSE
-        window = [
-            min(step * int(np.ceil(2.0 * r / step)), side // step * step)
-            for r, side in zip(reach, size, strict=True)
-        ]
         if min(size) * pitch < 1.05 * np.sqrt(2.0) * whole.frame_mm[1]:
             raise SimrigError(
                 f"the border of {whole.frame_mm[1]:g} mm does not fit into a picture of "
                 f"{min(size) * pitch:.0f} mm: choose a smaller sample or another lens"
             )
+        window = _window(whole, description.film, theta_v)
         off = np.radians([light.repeatability_deg.value, camera.repeatability_deg.value])
         return cls(
-            Optics.of(raw, sample_mm, (window[0], window[1]), seed),
+            Optics.of(raw, sample_mm, window, seed),
             whole,
             description.film,
             description.timing.slice_s.value,
             description.timing.fps.value,
             (float(off[0]), float(off[1])),
         )
+
+    def window(self, theta_v: float) -> tuple[int, int]:
+        """Return width and height of the middle of the picture that holds border and dot."""
+        return _window(self.whole, self.film, theta_v)
 
     @property
     def frames(self) -> int:
@@ -118,3 +107,20 @@ class Setup:
         """Return what the camera's colours have of linear sRGB, (3, 3)."""
         mixed = self.film.crosstalk.value
         return np.eye(3) * (1.0 - 3.0 * mixed) + mixed
+
+
+def _window(whole: Optics, film: Film, theta_v: float) -> tuple[int, int]:
+    """Return the part of the picture that holds border and dot whichever way they turn."""
+    assert whole.frame_mm is not None
+    x, y = film.dot_mm
+    dot = float(np.hypot(x, y)) + film.dot_diameter_mm.value
+    radius = max(whole.frame_mm[1] / np.sqrt(2.0), dot)
+    away = whole.moves.camera_mm
+    # what is nearer to the camera is seen larger; 4 pixels for what vibrates and is off
+    larger = float(whole.intrinsics[0, 0]) / (away - radius * np.sin(theta_v))
+    shares, step = (1.0, np.cos(theta_v) + np.sin(np.radians(1.0))), 2 * COARSE
+    width, height = (
+        min(step * int(np.ceil(2.0 * (radius * share * larger + 4.0) / step)), side // step * step)
+        for share, side in zip(shares, whole.sensor.pixels, strict=True)
+    )
+    return width, height

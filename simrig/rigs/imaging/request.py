@@ -155,7 +155,7 @@ def material_of(source: str, seed: int = 0) -> Any:
         SimrigError: there is none.
     """
     path = Path(source)
-    if source in PRESETS and not path.exists():
+    if source.partition("+")[0] in PRESETS and not path.exists():
         return build_tile(source, seed=seed)
     if path.suffix == ".h5" and path.is_file() and hdf5.content_of(path) == BTF:
         return read_btf(path)

@@ -8,7 +8,7 @@ is convex in θ. With masses at n even nodes whose cumulated shares are F_k and 
 
 in units of squared nodes, so the best θ is an order statistic of the n² differences, and nothing
 has to be solved. Between two of them the slope may be zero: the middle is taken. The library's
-network simplex (``simrig.reconstruction.transport.grid``) finds a transport of the same cost, and
+network simplex (``simrig.core.transport.grid``) finds a transport of the same cost, and
 where several have it, another one. On their way masses fill intervals as they do there.
 
 Source: Delon, Salomon and Sobolevski 2010, "Fast transport optimization for Monge costs on the
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simrig.reconstruction.transport.grid import LEAST_MASS, rasterised
+from simrig.core.transport.grid import LEAST_MASS, rasterised
 
 _AT_ONCE = 1 << 19  # differences of levels: what stays in a cache
 
@@ -48,7 +48,7 @@ class CirclePlans:
 def circle_displacement(first: np.ndarray, second: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return what lies between pairs of non-negative functions on a periodic grid.
 
-    As ``simrig.reconstruction.transport.grid.displacement`` in one dimension, for many and without
+    As ``simrig.core.transport.grid.displacement`` in one dimension, for many and without
     POT.
 
     Args:
