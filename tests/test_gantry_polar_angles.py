@@ -13,12 +13,12 @@ from simrig.brdf.minnaert import Minnaert, fit_minnaert
 from simrig.brdf.tables.dense import DenseTable
 from simrig.core import backend
 from simrig.core.errors import SimrigError
+from simrig.core.transport.grid import displacement, transport_subspaces
 from simrig.directions import to_vector
 from simrig.files.hdf5 import read_brdf, write_brdf
 from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import METHODS, reconstruct_gantry
 from simrig.reconstruction.gantry.polar_angles import fill_thetas, interval_weights
-from simrig.core.transport.grid import displacement, transport_subspaces
 from simrig.rigs.gantry.rig import Gantry
 
 SMALL = {"theta_step_deg": 15.0, "azimuths": 12}

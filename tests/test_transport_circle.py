@@ -10,16 +10,16 @@ import pytest
 from refusals import refused
 from simrig.brdf import Lambert
 from simrig.btf.synthetic import grid_angles
-from simrig.directions.schemes import HemisphereScheme, Ring
-from simrig.plans.gantry import GantryPlan
-from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
-from simrig.reconstruction.gantry.texels import texel_method
 from simrig.core.transport.circle import (
     circle_displacement,
     circle_plans,
     transport_circle,
 )
 from simrig.core.transport.grid import displacement, transport_library, transport_rows
+from simrig.directions.schemes import HemisphereScheme, Ring
+from simrig.plans.gantry import GantryPlan
+from simrig.reconstruction.gantry.brdfs import reconstruct_gantry
+from simrig.reconstruction.gantry.texels import texel_method
 from simrig.rigs.gantry.rig import Gantry
 
 PLAN = GantryPlan()

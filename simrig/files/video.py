@@ -62,7 +62,7 @@ def written_video(
 
     Args:
         path: of the video.
-        fps: frames per second.
+        fps: frames per second; the file says 1 at least.
         size: width and height.
         quality: of JPEG, 1 to 100.
 
@@ -71,7 +71,7 @@ def written_video(
     """
     with atomic_write(path) as temporary:
         code = cv2.VideoWriter.fourcc(*"MJPG")
-        writer = cv2.VideoWriter(str(temporary), cv2.CAP_OPENCV_MJPEG, code, fps, size)
+        writer = cv2.VideoWriter(str(temporary), cv2.CAP_OPENCV_MJPEG, code, max(fps, 1.0), size)
         if not writer.isOpened():
             raise SimrigError(f"cannot write the video '{path}': its name must end in .avi")
         writer.set(cv2.VIDEOWRITER_PROP_QUALITY, quality)

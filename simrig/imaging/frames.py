@@ -66,13 +66,15 @@ def candidates(phi: np.ndarray, targets: np.ndarray, reach: int = _REACH) -> lis
     known = np.flatnonzero(np.isfinite(phi))
     found: list[np.ndarray] = []
     step = _step(phi[known])
+    gap = float(np.diff(np.sort(targets)).min()) if len(targets) > 1 else np.inf
+    most = min((reach + 0.5) * step, 0.49 * gap)  # no frame is near two targets
     for target in targets:
         if not len(known):
             found.append(known)
             continue
         away = np.abs(apart(phi[known], target))
         nearest = np.arange(len(known)) == away.argmin()
-        found.append(known[nearest | (away <= (reach + 0.5) * step)])
+        found.append(known[nearest | (away <= most)])
         if away.min() > (reach + 1.0) * step:
             found[-1] = known[:0]
     return found
@@ -110,7 +112,7 @@ def chosen_frames(
     return sorted(taken), missed
 
 
-def apart(phi: np.ndarray, target: float) -> np.ndarray:
+def apart(phi: np.ndarray, target: float | np.ndarray) -> np.ndarray:
     """Return the difference of azimuths, within ±π."""
     return np.asarray((phi - target + np.pi) % _TURN - np.pi)
 
@@ -122,17 +124,17 @@ def steady(phi: Sequence[float] | np.ndarray, most: float = np.radians(4.0)) -> 
 
     Args:
         phi: (n,) radians, NaN where it is not known.
-        most: from the median of the neighbours, radians, at frames that follow each other.
+        most: from the median of the neighbours, radians, beside what frames turn.
     """
     made = np.array(phi, dtype=np.float64)
     known = np.flatnonzero(np.isfinite(made))
     if len(known) < 5:
         return np.full(len(made), np.nan)
-    turn = np.unwrap(made[known])
-    smooth = ndimage.median_filter(turn, 9, mode="nearest")
-    good = np.abs(turn - smooth) <= most
+    x, y = (ndimage.median_filter(f(made[known]), 9, mode="mirror") for f in (np.cos, np.sin))
+    good = np.abs(apart(made[known], np.arctan2(y, x))) <= most + 1.5 * _step(made[known])
     made[known[~good]] = np.nan
-    known, turn = known[good], turn[good]
+    known = known[good]
+    turn = np.unwrap(made[known])
     for place, frame in enumerate(known):
         part = slice(max(place - _AROUND, 0), place + _AROUND + 1)
         away = known[part] - frame

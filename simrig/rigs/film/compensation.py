@@ -25,6 +25,7 @@ from simrig.rigs.film.setup import Setup
 
 _BESIDE_MM, _WIDE_MM = 1.5, 9.0  # of the black from the border that is read
 _CLIPPED = 0.95  # of full scale
+_MOST_ROOM = 0.3  # of what the black shows
 _FEWEST = 40  # readings of the black
 DEGREE = 2
 
@@ -78,6 +79,8 @@ class Light:
             slope = np.median(1.0 / scale) - np.median(1.0 / white)
             added = (of_black - of_white) / slope
             room = float(added / max(of_white - added * np.median(1.0 / white), 1e-12))
+            if added > _MOST_ROOM * np.median(dark):  # no room is so bright: a blurred border
+                room = np.nan
         return cls(light, field, room)
 
     def without_room(self, room: float, grey: np.ndarray, corner: np.ndarray,
