@@ -36,9 +36,9 @@ def sequence(
             raise SimrigError(
                 f"write every BTF as TIME:FILE such as 15:b.h5, got '{text}'"
             ) from None
-    for _, file in listed:
-        if not file.is_file():
-            raise SimrigError(f"there is no BTF '{file}'")
+    for _, path in listed:
+        if not path.is_file():
+            raise SimrigError(f"there is no BTF '{path}'")
     with output_file(output, overwrite):
         write_sequence(output, listed, output.stem)
         try:

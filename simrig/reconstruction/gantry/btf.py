@@ -25,6 +25,7 @@ def reconstruct_btf(
     measured: BtfStack,
     method: str = "gantry-b",
     *,
+    plan: GantryPlan | None = None,
     angles: np.ndarray | None = None,
     transport: str = "circle",
     progress: Progress | None = None,
@@ -32,8 +33,9 @@ def reconstruct_btf(
     """Return the stack of all pairs that the slices of a gantry give, texel by texel.
 
     Args:
-        measured: has, among others perhaps, the 168 images of the thesis's plan, in any order.
+        measured: has, among others perhaps, the images of the plan, in any order.
         method: of the gantry: ``"gantry-a"``, ``"gantry-b"`` or ``"gantry-bd"``.
+        plan: by default the thesis's with 168 images.
         angles: theta_i, theta_v, phi_i, phi_v of the wanted pairs in radians, (pairs, 4); all of
             81 × 81 directions by default.
         transport: for method BD, see ``simrig.reconstruction.gantry.displacement``.
@@ -41,7 +43,7 @@ def reconstruct_btf(
     Raises:
         SimrigError: images that are missing, named, and what ``texel_method`` refuses.
     """
-    plan = GantryPlan()
+    plan = plan or GantryPlan()
     angles = grid_angles(hemisphere_81()) if angles is None else np.asarray(angles)
     numbers = planned_images(measured, plan)
     reconstruct = texel_method(plan, method, angles, transport)

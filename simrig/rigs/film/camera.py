@@ -334,11 +334,12 @@ class FilmCamera:
         return np.asarray(film.target.value * 2.0 ** (drift - late))
 
     def still(self, motion: Motion, surface: Surface) -> np.ndarray:
-        """Return a frame of another sample at the beginning of a slice: of the chart."""
-        light = motion.placed(np.zeros(1))[1][0]
+        """Return a frame of another sample after an eighth of a slice, arms apart: of the chart."""
+        index = self.setup.frames // 8
+        light = motion.placed(np.array([index / self.setup.fps]))[1][0]
         bright = self.white * float(light[2] / np.linalg.norm(light))
         gain = self.setup.film.target.value / bright
-        return replace(self, surface=surface).frame(motion, 0, gain)
+        return replace(self, surface=surface).frame(motion, index, gain)
 
 
 def _square(side: float) -> np.ndarray:

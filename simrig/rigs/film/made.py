@@ -59,7 +59,7 @@ def filmed_by(
         videos: of the slices by pairs of polar angles, axial before diagonal.
         description: of the instrument that filmed them.
         settings: what is made.
-        chart: a still of a ColorChecker of the sample's size, at the beginning of the first slice.
+        chart: a still of a ColorChecker of the sample's size, while the first slice is filmed.
         sample_mm: side of the sample; the instrument's diameter unless given.
     """
     setup = Setup.of(description, sample_mm, 0)
