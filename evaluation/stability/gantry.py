@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from simrig.brdf.minnaert import fit_minnaert
+from simrig.core.transport.grid import displacement, transport_rows
 from simrig.evaluation.stability.methods import method_row, signals
 from simrig.evaluation.stability.rows import StabilityRow
 from simrig.evaluation.stability.uniform import rbf_row
@@ -23,7 +24,6 @@ from simrig.plans.gantry import GantryPlan
 from simrig.reconstruction.gantry.brdfs import SubspaceNodes
 from simrig.reconstruction.gantry.polar_angles import Blend, fill_thetas, linear
 from simrig.reconstruction.gantry.subspace import subspaces
-from simrig.core.transport.grid import displacement, transport_rows
 from simrig.rigs.measurements.measurement import Measurement
 
 _AZIMUTHS = 8
