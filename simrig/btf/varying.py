@@ -115,12 +115,12 @@ class _Course:
 
     Attributes:
         moment: (height, width) at which it is half way.
-        width: of the change, of all texels.
+        width: (height, width) of the change: that of all texels, or of those that switch.
         known: (k, height, width) how far it is at the measured times.
     """
 
     moment: np.ndarray
-    width: float
+    width: np.ndarray
     known: np.ndarray
 
     @classmethod
@@ -150,13 +150,15 @@ class _Course:
             if best is None or left < best[0] * (1.0 - 1e-9):
                 best = left, moments[found].reshape(height, width), share * span
         assert best is not None
-        moment = _continued(best[1], curves, times).reshape(height, width)
-        known = _logistic(times[:, None, None], moment, best[2])
-        return cls(moment, best[2], known)
+        moment, switches = _continued(best[1], curves, times)
+        wide = np.where(switches, _WIDTHS[0] * span, best[2])
+        return cls(moment, wide, _logistic(times[:, None, None], moment, wide))
 
 
-def _continued(moment: np.ndarray, curves: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the moments of texels, of those that switch between two times by where they lie.
+def _continued(
+    moment: np.ndarray, curves: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the moments of texels, those that switch by where they lie, and which switch.
 
     Such a texel says only between which times it changed. A front passes it the later, the farther
     it is from what changed before, and the nearer to what changes after: distances on the tile
@@ -164,10 +166,12 @@ def _continued(moment: np.ndarray, curves: np.ndarray, times: np.ndarray) -> np.
     whichever they touch.
     """
     steps = np.abs(np.diff(curves, axis=0)).reshape(len(times) - 1, *moment.shape)
+    own = steps.max(axis=0) > _AT_ONCE * steps.sum(axis=0)
+    # a crease or a glint goes with what is around it
     steps = ndimage.gaussian_filter(steps, (0, _GRAIN, _GRAIN), mode="wrap")
     total = steps.sum(axis=0)
     moves = total > _STILL * total.max()
-    switches = moves & (steps.max(axis=0) > _AT_ONCE * total)
+    switches = moves & (own | (steps.max(axis=0) > _AT_ONCE * total))
     interval = np.where(moves, steps.argmax(axis=0), -1)
     made = moment.copy()
     for k in range(len(times) - 1):
@@ -187,7 +191,7 @@ def _continued(moment: np.ndarray, curves: np.ndarray, times: np.ndarray) -> np.
             passed = ahead.max() - ahead if after.any() else np.ones_like(ahead)
         share = passed / np.maximum(passed + ahead, 1e-9)
         made[own] = times[k] + share * (times[k + 1] - times[k])
-    return made
+    return made, switches
 
 
 def _distance(mask: np.ndarray) -> np.ndarray:
@@ -199,7 +203,9 @@ def _distance(mask: np.ndarray) -> np.ndarray:
     return np.asarray(around[height : 2 * height, width : 2 * width])
 
 
-def _logistic(time: np.ndarray | float, moment: np.ndarray, width: float) -> np.ndarray:
+def _logistic(
+    time: np.ndarray | float, moment: np.ndarray, width: np.ndarray | float
+) -> np.ndarray:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip((time - moment) / width, -40.0, 40.0))))
 
 
