@@ -15,7 +15,6 @@ from simrig.brdf.kriging.model import KrigingModel
 from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.brdf.tables.half_difference import HalfDifferenceTable, node_angles
-from simrig.directions.spherical import to_vector
 from simrig.plans.auto.findings import findings_of, has_findings
 from simrig.plans.protocol import Measured
 from simrig.reconstruction.result import Reconstructed
@@ -39,7 +38,7 @@ def reconstruct_kriging(measurement: Measured) -> Reconstructed:
     Raises:
         SimrigError: fewer than two samples.
     """
-    samples = samples_of(measurement).lit()
+    samples = Samples.recorded(measurement.angles, measurement.values)
     if has_findings(measurement.layout):
         findings = findings_of(measurement.layout)
         model = final_model(samples, findings.symmetry)
@@ -60,17 +59,6 @@ def _contradicted(samples: Samples, model: KrigingModel) -> list[str]:
     said = [f"{again} measured again"] if again else []
     said += [f"{out} left out, nothing confirms them"] if out else []
     return [f"samples that all others about them contradict: {', '.join(said)}"] if said else []
-
-
-def samples_of(measurement: Measured) -> Samples:
-    """Return the samples of a measurement as kriging takes them."""
-    return Samples.of(
-        to_vector(measurement.theta_i, measurement.phi_i),
-        to_vector(measurement.theta_v, measurement.phi_v),
-        measurement.values,
-        float(measurement.theta_i.max()),
-        float(measurement.theta_v.max()),
-    )
 
 
 def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:

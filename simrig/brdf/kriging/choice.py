@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -49,12 +50,38 @@ def left_out_error(model: KrigingModel) -> float:
     return float(np.sqrt(displayed * np.mean(np.abs(misses))) + 1e-12)
 
 
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What a final model is made of; equal to another of the same samples."""
+
+    samples: Samples
+    symmetry: Symmetry
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _Task) or other.symmetry != self.symmetry:
+            return False
+        return all(
+            np.array_equal(getattr(self.samples, own.name), getattr(other.samples, own.name))
+            for own in fields(Samples)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.symmetry, len(self.samples)))
+
+
 def final_model(samples: Samples, symmetry: Symmetry) -> KrigingModel:
     """Return the model of all samples, searched from narrow, usual and wide highlights.
 
     The criterion of a fit has several valleys; the left-out samples say which is best. Samples
-    that all others contradict are left out for good.
+    that all others contradict are left out for good. The last model is remembered: a plan predicts
+    its error, then it is reconstructed.
     """
+    return _searched(_Task(samples, symmetry))
+
+
+@lru_cache(maxsize=1)
+def _searched(task: _Task) -> KrigingModel:
+    samples, symmetry = task.samples, task.symmetry
     usual = prior_of(symmetry).mean
     starts = [usual]
     for width, linear in _STARTS:
@@ -65,7 +92,7 @@ def final_model(samples: Samples, symmetry: Symmetry) -> KrigingModel:
     best = min(models, key=left_out_error)
     right = trusted(best).samples
     if len(right) < len(samples):
-        return final_model(right, symmetry)
+        return _searched(_Task(right, symmetry))
     longer = fit_model(samples, symmetry, best.parameters, final=True)
     return with_profile(min(longer, best, key=left_out_error), final=True)
 
@@ -86,9 +113,7 @@ def with_profile(model: KrigingModel, final: bool = False) -> KrigingModel:
         return replace(model, profile=found)
     if found is None and model.profile is None:
         return model
-    other = fit_model(
-        model.samples, model.symmetry, model.parameters, 100, final=final, profile=found
-    )
+    other = fit_model(model.samples, model.symmetry, model.parameters, final=final, profile=found)
     return other if left_out_error(other) < _BETTER * left_out_error(model) else model
 
 
@@ -110,7 +135,7 @@ def choose_model(
     least = np.inf
     for symmetry in candidates:
         turned = Symmetry(**{**symmetry.as_dict(), "axis": 0.0 if symmetry.isotropic else axis})
-        model = fit_model(samples, turned, evaluations=100)
+        model = fit_model(samples, turned)
         error = left_out_error(model)
         if best is None or error * _TIE < least:
             best, least = model, error

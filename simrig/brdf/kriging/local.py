@@ -27,6 +27,16 @@ def covariance(distance: np.ndarray) -> np.ndarray:
     return np.asarray(value)
 
 
+def covariance_and_slope(distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same, and its derivative by the square of the distance."""
+    d = np.sqrt(5.0) * distance
+    fall = np.exp(-d)
+    near = (1.0 + d) * fall
+    d *= d
+    d *= fall
+    return near + d / 3.0, (-5.0 / 6.0) * near
+
+
 def kriging_weights(
     samples: np.ndarray, points: np.ndarray, nugget: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +52,7 @@ def kriging_weights(
     """
     count = samples.shape[1]
     both = np.concatenate([samples, points], axis=1)
-    alike = covariance(_distances(samples, both))
+    alike = covariance(np.sqrt(squared_distances(samples, both)))
     among, to = np.ascontiguousarray(alike[..., :count]), alike[..., count:]
     among[:, np.arange(count), np.arange(count)] = 1.0 + nugget
     sides = np.concatenate([to, np.ones((len(to), count, 1))], axis=2)
@@ -91,10 +101,9 @@ def predict(
     return made, spread
 
 
-def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the distances (…, k, p) of vectors (…, k, f) and (…, p, f)."""
+def squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return those (..., k, p) of vectors (..., k, f) and (..., p, f)."""
     squares = (-2.0 * a) @ b.swapaxes(-1, -2)
     squares += np.einsum("...f,...f", a, a)[..., :, None]
     squares += np.einsum("...f,...f", b, b)[..., None, :]
-    np.maximum(squares, 0.0, out=squares)
-    return np.asarray(np.sqrt(squares, out=squares))
+    return np.asarray(np.maximum(squares, 0.0, out=squares))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from simrig.brdf.kriging.coordinates import (
@@ -16,15 +15,15 @@ from simrig.brdf.kriging.coordinates import (
     stretch_of_theta_d,
 )
 from simrig.brdf.kriging.displayed import displayed_pairs, typical_level
-from simrig.brdf.kriging.local import kriging_weights, predict
+from simrig.brdf.kriging.likelihood import NEAR, likeliest, others
+from simrig.brdf.kriging.local import predict
 from simrig.brdf.kriging.profile import Profile
 from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 
 _FEWEST = 6  # samples; the parameters of fewer are the expected ones
 _LEFT_OUT, _MOST_LEFT_OUT = 300, 1000  # samples whose prediction chooses the parameters
-_FINAL_EVALUATIONS = 240
-_NEAR = 16  # neighbours while parameters are chosen
+_STEPS, _FINAL_STEPS = 5, 8  # of the search for the parameters
 _LEVEL_PAIRS = 2048
 _FLOORS = {True: 0.01, False: 0.001}  # of the logarithm, over the level: isotropic or not
 
@@ -142,38 +141,34 @@ class KrigingModel:
 
     def without(self, own: np.ndarray, excluded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the same of samples ``own`` (m,), predicted without those ``excluded`` (m, e)."""
-        points, near = self.features[own][:, None, :], self.nearest(own, excluded, _NEAR)
+        points, near = self.features[own][:, None, :], self.nearest(own, excluded, NEAR)
         nugget = self.coordinates.nugget
         made, spread = predict(self.features, self._of_images, points, near, nugget)
         return made[:, 0] - self.interpolated[own], spread[:, 0]
 
     def nearest(self, own: np.ndarray, excluded: np.ndarray, wanted: int) -> np.ndarray:
         """Return the nearest features to samples ``own``, of none ``excluded``, (m, k)."""
-        return _others(self.tree, self.features[own], excluded, len(self.samples), wanted)
+        return others(self.tree, self.features[own], excluded, len(self.samples), wanted)
 
 
 def fit_model(
     samples: Samples,
     symmetry: Symmetry,
     start: np.ndarray | None = None,
-    evaluations: int = 160,
+    steps: int = _STEPS,
     final: bool = False,
     profile: Profile | None = None,
 ) -> KrigingModel:
     """Return the model whose parameters predict left-out samples best.
 
-    The criterion is the pseudo-likelihood of left-out samples ([RW06], eq. 5.11) with a prior; the
-    deviation of each channel is that of its residuals.
-
     Args:
         samples: at least two.
         symmetry: which images they have.
         start: parameters to start from; by default the expected ones.
-        evaluations: of the criterion.
+        steps: of the search (``likeliest``).
         final: leave more samples out, and search longer.
         profile: what of the logarithms is not interpolated.
     """
-    evaluations = max(evaluations, _FINAL_EVALUATIONS) if final else evaluations
     power = 0 if symmetry.reciprocal else 1
     angles = half_difference_angles(samples.wi, samples.wv, symmetry.axis)
     prior = prior_of(symmetry)
@@ -188,74 +183,10 @@ def fit_model(
         chosen = np.random.default_rng(0).permutation(len(samples))
         chosen = chosen[: _MOST_LEFT_OUT if final else _LEFT_OUT]
         logs = model.interpolated
-        parameters = _likeliest(images, logs, chosen, expected, parameters, evaluations)
+        steps = _FINAL_STEPS if final else steps
+        parameters = likeliest(images, logs, chosen, expected, parameters, steps)
     coordinates = prior.coordinates(parameters, symmetry, stretch_d)
     return replace(model, coordinates=coordinates, parameters=parameters)
-
-
-def _likeliest(
-    images: np.ndarray,
-    logs: np.ndarray,
-    chosen: np.ndarray,
-    expected: Coordinates,
-    parameters: np.ndarray,
-    evaluations: int,
-) -> np.ndarray:
-    """Return the parameters that predict the chosen samples best, searched from others."""
-    for _ in range(2):  # the neighbours depend on the parameters
-        criterion = _Criterion(images, logs, chosen, expected, parameters)
-        simplex = np.vstack([parameters, parameters + 0.5 * np.eye(len(parameters))])
-        options = {"maxfev": evaluations // 2, "initial_simplex": simplex}
-        parameters = minimize(criterion, parameters, method="Nelder-Mead", options=options).x
-    return np.asarray(parameters)
-
-
-class _Criterion:
-    """The negative logarithm of the probability of left-out samples, of parameters."""
-
-    def __init__(
-        self,
-        images: np.ndarray,
-        logs: np.ndarray,
-        chosen: np.ndarray,
-        expected: Coordinates,
-        parameters: np.ndarray,
-    ):
-        self._symmetry, self._stretch_d = expected.symmetry, expected.stretch_d
-        self._prior = prior_of(expected.symmetry)
-        count = len(logs)
-        features = self._coordinates(parameters)(images)
-        near = _others(cKDTree(features), features[chosen], chosen[:, None], count, _NEAR)
-        used, place = np.unique(np.concatenate([chosen, near.ravel()]), return_inverse=True)
-        self._angles = images[used]
-        self._own, self._near = place[: len(chosen)], place[len(chosen) :].reshape(near.shape)
-        self._values, self._truth = logs[near % count], logs[chosen]
-
-    def _coordinates(self, parameters: np.ndarray) -> Coordinates:
-        return self._prior.coordinates(parameters, self._symmetry, self._stretch_d)
-
-    def __call__(self, parameters: np.ndarray) -> float:
-        coordinates = self._coordinates(parameters)
-        features = coordinates(self._angles)
-        own = features[self._own][:, None, :]
-        weights, variance = kriging_weights(features[self._near], own, coordinates.nugget)
-        misses = (weights @ self._values)[:, 0] - self._truth
-        scaled = np.mean(misses**2 / variance, axis=0) + 1e-300
-        unlikely = 0.5 * np.log(variance).sum() + 0.5 * len(own) * np.log(scaled).mean()
-        away = (parameters - self._prior.mean) / self._prior.deviation
-        return float(unlikely + 0.5 * (away**2).sum())
-
-
-def _others(
-    tree: cKDTree, points: np.ndarray, excluded: np.ndarray, count: int, wanted: int
-) -> np.ndarray:
-    """Return the nearest features that are no image of the samples ``excluded`` (n, e), (n, k)."""
-    images, most = tree.n // count, excluded.shape[1]
-    wanted = min(wanted, images * (count - most))
-    _, near = tree.query(points, k=min(wanted + images * most, tree.n))
-    out = (near[:, :, None] % count == excluded[:, None, :]).any(axis=2)
-    order = np.argsort(out, axis=1, kind="stable")
-    return np.asarray(np.take_along_axis(near, order, axis=1)[:, :wanted])
 
 
 def _level(samples: Samples, features: np.ndarray, expected: Coordinates, power: int) -> float:

@@ -14,7 +14,7 @@ from simrig.brdf.kriging.model import KrigingModel, fit_model
 
 STANDS_OUT = 8.0
 WRONG = 50.0  # measured materials have up to 40, one value a hundred times off 300
-_SPOILT, _EVALUATIONS = 0.6, 100  # error of the others without it, over that with it
+_SPOILT = 0.6  # error of the others without it, over that with it
 _LEAST = float(np.log(2.0))  # what misses by less spoils nothing
 _MOST = 64  # looked at
 _AROUND, _USUAL = 8, 75.0  # samples about it, and the percentile of their deviations
@@ -53,8 +53,6 @@ def trusted(model: KrigingModel) -> KrigingModel:
     if kept.all():
         return model
     samples = model.samples.only(kept)
-    other = fit_model(
-        samples, model.symmetry, model.parameters, _EVALUATIONS, profile=model.profile
-    )
+    other = fit_model(samples, model.symmetry, model.parameters, profile=model.profile)
     before, after = np.abs(model.left_out[0])[kept].mean(), np.abs(other.left_out[0]).mean()
     return other if stands_out.max() > WRONG or after < _SPOILT * before else model

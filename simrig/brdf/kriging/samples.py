@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simrig.directions.spherical import to_vector
+
 _LEAST_DARK = 2  # pairs beyond the end of a material's data that are measured black
 _DARK = 1e-6  # over the median
 _MOST_DARK_WITHIN = 0.1  # of the pairs before the end
@@ -57,6 +59,18 @@ class Samples:
         order = np.argsort(first)
         first, last, more = first[order], last[order], counts[order] > 1
         return cls(wi[first], wv[first], values[last], theta_i_max, theta_v_max, more)
+
+    @classmethod
+    def recorded(cls, angles: np.ndarray, values: np.ndarray) -> Samples:
+        """Return the samples of a measurement, up to the end of the material's data (``lit``).
+
+        Args:
+            angles: (n, 4) theta_i, theta_v, phi_i, phi_v in radians.
+            values: (n, 3) f_r in 1/sr.
+        """
+        theta_i, theta_v, phi_i, phi_v = angles.T
+        sides = to_vector(theta_i, phi_i), to_vector(theta_v, phi_v)
+        return cls.of(*sides, values, float(theta_i.max()), float(theta_v.max())).lit()
 
     def __len__(self) -> int:
         return len(self.values)

@@ -13,7 +13,7 @@ from simrig.brdf.kriging.model import KrigingModel, fit_model
 from simrig.brdf.kriging.symmetry import IMAGES, Symmetry
 
 _OF_ISOTROPIC = "reciprocal", "mirror"  # the symmetries that isotropic materials may lack
-_FIRST, _EVALUATIONS = 40, 100  # of the criterion: to see what is promising, and in all
+_FIRST, _MORE = 2, 4  # steps of a search: to see what is promising, and then
 _PROMISING = 1.5  # the error after the first of them over that of the model in use
 _CLEARLY = 0.9  # another symmetry must predict this much better,
 _SLIGHTLY = 0.98  # another estimate of the axis, or what the pilot saw, this much
@@ -50,16 +50,16 @@ def looked_back(model: KrigingModel, bivariate: bool) -> Look:
         other = _fitted(model, symmetry, _FIRST)
         errors[other] = left_out_error(other)
         if errors[other] < _PROMISING * errors[model]:
-            other = _fitted(model, symmetry, _EVALUATIONS - _FIRST, other.parameters)
+            other = _fitted(model, symmetry, _MORE, other.parameters)
             errors[other] = left_out_error(other)
     free = [m for m in errors if not (m.symmetry.isotropic or m.symmetry.mirror)]
     base = min(free, key=errors.__getitem__)
     turned = replace(base.symmetry, mirror=True, axis=mirror_axis(base))
-    mirrored = _fitted(model, turned, _EVALUATIONS)
+    mirrored = _fitted(model, turned, _MORE)
     errors[mirrored] = left_out_error(mirrored)
     # no symmetry wins by a search that went better: the one in use goes on from the best parameters
     first = min(errors, key=errors.__getitem__)
-    again = _fitted(model, model.symmetry, _EVALUATIONS, first.parameters)
+    again = _fitted(model, model.symmetry, _MORE, first.parameters)
     errors[model] = min(errors[model], left_out_error(again))
     alike = [m for m in errors if m.symmetry.dimensions == model.symmetry.dimensions]
     best, same = (_clearly_better(model, each, errors) for each in (list(errors), alike))
@@ -74,7 +74,7 @@ def back_to(model: KrigingModel, first: Symmetry) -> KrigingModel:
     """
     if model.symmetry == first:
         return model
-    other = _fitted(model, first, _EVALUATIONS)
+    other = _fitted(model, first, _MORE)
     return other if left_out_error(other) < _SLIGHTLY * left_out_error(model) else model
 
 
@@ -119,8 +119,8 @@ def alternatives(symmetry: Symmetry, bivariate: bool) -> list[Symmetry]:
 
 
 def _fitted(
-    model: KrigingModel, symmetry: Symmetry, evaluations: int, start: np.ndarray | None = None
+    model: KrigingModel, symmetry: Symmetry, steps: int, start: np.ndarray | None = None
 ) -> KrigingModel:
     """Return the model of the same samples under another symmetry."""
     profile = model.profile if symmetry.isotropic else None
-    return fit_model(model.samples, symmetry, start, evaluations, profile=profile)
+    return fit_model(model.samples, symmetry, start, steps, profile=profile)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from simrig.brdf.kriging.choice import with_profile
+from simrig.brdf.kriging.choice import final_model, with_profile
 from simrig.brdf.kriging.coordinates import half_difference_angles
 from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs
 from simrig.brdf.kriging.model import KrigingModel, fit_model
 from simrig.brdf.kriging.outliers import STANDS_OUT, outstanding, trusted
-from simrig.brdf.kriging.predicted import predicted_delta_e
+from simrig.brdf.kriging.predicted import LIKELY_BELOW, predicted_delta_e
 from simrig.brdf.kriging.samples import Samples
 from simrig.brdf.kriging.symmetry import Symmetry
 from simrig.core.effects import parse_tolerance
@@ -41,7 +41,6 @@ _CANDIDATES = 16384  # at least, and per sample:
 _CANDIDATES_PER_SAMPLE = 4
 _SHARE_AGAIN = 0.05  # of a batch, at most, are samples that others contradict
 _LOOKS_BACK = (1, 3)  # batches after which symmetries are tried again
-_EVALUATIONS = 100  # of the criterion, from the parameters of the batch before
 _PAST_THE_END = float(np.radians(1.0))  # of a material's data, to see where it is
 _PROBED = 512  # pairs that pictures show, for the bounds of effects
 
@@ -197,43 +196,55 @@ class _Run:
         symmetries: how many samples there were when each was taken.
         predictions: ΔE that was predicted with so many samples.
         doubts: what spoke against the family that the user wished.
-        taken: samples so far; those measured again count twice.
+        angles, values: (n, 4) and (n, 3) so far; of those measured again both times.
     """
 
     plan: AutomaticPlan
     symmetries: list[tuple[int, Symmetry]] = field(default_factory=list)
     predictions: list[tuple[int, float]] = field(default_factory=list)
     doubts: list[Doubt] = field(default_factory=list)
-    taken: int = 0
+    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    values: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def taken(self) -> int:
+        """How many samples there are so far."""
+        return len(self.values)
 
     def asked(self) -> Asked:
         plan = self.plan
         pilot = plan.pilot()
-        values = yield _angles(pilot.wi, pilot.wv)
+        values = yield from self._asked(pilot.wi, pilot.wv)
         seen = describe(pilot, values)
         choice = choose(seen, plan.family)
-        self.taken = len(values)
         self.symmetries.append((self.taken, choice.symmetry))
         samples = Samples.of(pilot.wi, pilot.wv, values, plan.theta_i_max, plan.theta_v_max)
-        model = fit_model(samples.lit(), choice.symmetry, evaluations=200)
+        model = fit_model(samples.lit(), choice.symmetry)
         count = _BATCHES if plan.until is None else _BATCHES_UNTIL
         ends = np.geomspace(self.taken, plan.samples, count + 1).round().astype(int)[1:]
         for number, end in enumerate(ends):
-            if plan.until is not None and self._predicted(model) <= plan.until:
+            if plan.until is not None and self._good_enough(model, plan.until):
                 return model
             wanted = int(end) - self.taken
             if wanted <= 0:
                 continue
             wi, wv = self._batch(model, replace(choice, symmetry=model.symmetry), wanted, number)
-            samples = samples.with_more(wi, wv, (yield _angles(wi, wv)))
-            self.taken += wanted
-            lit, fitted = samples.lit(), (model.symmetry, model.parameters, _EVALUATIONS)
-            model = fit_model(lit, *fitted, profile=model.profile)
-            model = with_profile(model)
+            samples = samples.with_more(wi, wv, (yield from self._asked(wi, wv)))
+            lit, fitted = samples.lit(), (model.symmetry, model.parameters)
+            model = with_profile(fit_model(lit, *fitted, profile=model.profile))
             fully = number in _LOOKS_BACK or (model.symmetry.bivariate and end == ends[-1])
             model = self._looked_back(model, choice.symmetry, seen.bivariate, fully)
         self._predicted(model)
         return model
+
+    def _asked(self, wi: np.ndarray, wv: np.ndarray) -> Generator[np.ndarray, Any, np.ndarray]:
+        """Yield the angles of pairs, and return the values that are sent back."""
+        angles = _angles(wi, wv)
+        values = yield angles
+        self.angles, self.values = (
+            np.concatenate(both) for both in ((self.angles, angles), (self.values, values))
+        )
+        return values
 
     def _batch(
         self, model: KrigingModel, choice: Choice, wanted: int, number: int
@@ -295,8 +306,16 @@ class _Run:
             self.symmetries.append((self.taken, found.symmetry))
         return found
 
+    def _good_enough(self, model: KrigingModel, until: float) -> bool:
+        """Return whether the ΔE is below a goal in nine of ten measurements."""
+        goal = until / LIKELY_BELOW
+        self.predictions.append((self.taken, predicted_delta_e(trusted(model))))
+        return self.predictions[-1][1] <= goal and self._predicted(model) <= goal
+
     def _predicted(self, model: KrigingModel) -> float:
-        predicted = predicted_delta_e(trusted(model))
+        """Return the ΔE that is predicted of what a reconstruction makes of the same samples."""
+        samples = Samples.recorded(self.angles, self.values)
+        predicted = predicted_delta_e(final_model(samples, model.symmetry))
         self.predictions.append((self.taken, predicted))
         return predicted
 
