@@ -21,7 +21,7 @@ from simrig.reconstruction.result import Reconstructed
 
 _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 240_000, 1_500_000  # at most
 _FEWEST_NODES = {True: 20_000, False: 240_000}  # isotropic or not
-_NODES_PER_SAMPLE = 60
+_NODES_PER_SAMPLE = {True: 60, False: 120}
 _PROFILE_NODES = 1500  # of a curve over theta_h, some four to each of its own
 # of 2 × 2 × 2 (× 2) nodes together; measured isotropic materials change within few samples
 _BLOCK_NEIGHBOURS = {True: 24, False: 48}
@@ -114,7 +114,7 @@ def table_shape(symmetry: Symmetry, samples: int) -> tuple[int, int, int, int]:
     ratios[3] *= turn_d / (2.0 * np.pi) * (0.5 if folded[1] else 1.0)
     if symmetry.bivariate:
         ratios[3] = 2.0  # the fewest that a table has, and all the same
-    target = min(most, _FEWEST_NODES[isotropic] + _NODES_PER_SAMPLE * samples)
+    target = min(most, _FEWEST_NODES[isotropic] + _NODES_PER_SAMPLE[isotropic] * samples)
     scale = (target / ratios.prod()) ** (1.0 / symmetry.dimensions)
     counts = [max(round(ratio * scale), 4) for ratio in ratios]
     last = 2 if symmetry.bivariate else counts[3]

@@ -26,6 +26,7 @@ _LEFT_OUT, _MOST_LEFT_OUT = 300, 1000  # samples whose prediction chooses the pa
 _STEPS, _FINAL_STEPS = 5, 8  # of the search for the parameters
 _LEVEL_PAIRS = 2048
 _FLOORS = {True: 0.01, False: 0.001}  # of the logarithm, over the level: isotropic or not
+_LOWEST_FLOOR, _DARKEST = 1e-6, 0.5  # over the level; the percentile of values that is dark
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,11 @@ def fit_model(
     stretch_d = stretch_of_theta_d(angles, samples.values)
     expected = prior.coordinates(prior.mean, symmetry, stretch_d)
     level = _level(samples, expected(images), expected, power)
-    transform = Transform(_FLOORS[symmetry.isotropic] * level, power)
+    floor = _FLOORS[symmetry.isotropic] * level
+    dark = float(np.percentile(samples.values, _DARKEST))
+    if dark > 0.0 and not symmetry.isotropic:  # channels that are dark, and not black
+        floor = min(floor, max(0.1 * dark, _LOWEST_FLOOR * level))
+    transform = Transform(floor, power)
     parameters = prior.mean if start is None or len(start) != len(prior.mean) else start
     model = KrigingModel(samples, expected, transform, level, parameters, profile)
     if len(samples) >= _FEWEST:

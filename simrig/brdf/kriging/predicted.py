@@ -2,9 +2,8 @@
 
 Left-out samples say how large the signal is of which kriging knows the relative deviation. The
 picture is that of a sphere with a sun and dimmer lights about it, exposed as pictures are; each
-light's errors are draws of their own, so that those of the sun show most. What remains unknown
-(how far errors reach) is in one calibrated factor. Predictions of few samples are drawn towards
-the ΔE that so many usually leave.
+light's errors are draws of their own, so that those of the sun show most. No factor is fitted but
+to few samples, whose predictions are drawn towards the ΔE that so many usually leave.
 """
 
 from __future__ import annotations
@@ -24,9 +23,8 @@ _SUN, _LOWEST = (0.48, 0.62, 0.62), -0.6  # the camera looks along -z; lights do
 _SHARES = np.array([0.45] + [0.55 / 12.0] * 12)  # of the light: of the sun, and of each other one
 _HORIZON = 0.02  # cosine
 _TABLE = 0.03  # ΔE of smooth materials whatever the samples: what the table costs
-_CALIBRATION = 1.0  # measured over predicted ΔE, see docs/automatic_plan.md
 # few samples know little of what they did not see: what many materials had counts as so many more
-_USUAL, _USUAL_AT, _USUAL_POWER, _USUAL_SAMPLES = 12.0, 30.0, 1.38, 20.0
+_USUAL, _USUAL_AT, _USUAL_POWER, _USUAL_SAMPLES = 10.0, 30.0, 0.8, 12.0
 _AMPLITUDE_NEIGHBOURS = 8
 _DEVIATION_OVER_MEAN = float(np.sqrt(0.5 * np.pi))  # of absolute values, for normal ones
 LIKELY_BELOW = 1.5  # times the prediction: the ΔE of nine in ten
@@ -85,7 +83,7 @@ def predicted_delta_e(model: KrigingModel, seed: int = 1) -> float:
     roots = [lab_roots(np.clip(exposure * picture[seen], 0.0, 1.0)) for picture in pictures]
     x, y, z = (roots[1] - roots[0]).T
     delta = np.sqrt((116.0 * y) ** 2 + (500.0 * (x - y)) ** 2 + (200.0 * (y - z)) ** 2)
-    known = _with_experience(float(_CALIBRATION * delta.mean()), len(samples))
+    known = _with_experience(float(delta.mean()), len(samples))
     return float(np.hypot(known, _TABLE))
 
 

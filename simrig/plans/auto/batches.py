@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from simrig.brdf.kriging.coordinates import half_difference_angles
 from simrig.brdf.kriging.displayed import shown, typical_level
 from simrig.brdf.kriging.model import KrigingModel
 from simrig.brdf.kriging.predicted import amplitudes
@@ -16,41 +17,42 @@ _ROUNDS = 40  # in which a batch is chosen; between them distances are measured 
 _APART = 0.8  # of the usual distance, that samples of one round keep
 
 
-def next_batch(model: KrigingModel, angles: np.ndarray, free: np.ndarray, count: int) -> np.ndarray:
+def next_batch(model: KrigingModel, wi: np.ndarray, wv: np.ndarray, count: int) -> np.ndarray:
     """Return which of the candidates to measure next.
 
     A candidate's error is that of the signal about it, known from left-out samples, seen in a
     picture (``shown``) and relative to its value; the density of samples follows it. A few
     samples that predicted their neighbours well by luck do not stop a region: part of the density
-    is even.
+    is even. What is foreshortened is a small part of any picture.
 
     Args:
         model: of what was measured.
-        angles: (m, 4) half-difference angles of candidates.
-        free: (m,) whether a candidate was not measured yet.
-        count: how many, at most as many as are free.
+        wi, wv: (m, 3) unit vectors of the candidates.
+        count: how many, at most m.
     """
+    symmetry = model.symmetry
+    angles = half_difference_angles(wi, wv, symmetry.axis)
     points = model.coordinates(angles)
     logs, _ = model.at(angles, neighbours=12)
     amplitude = amplitudes(model, angles)
-    radiance = model.transform.radiance(logs)
+    value = model.transform.radiance(logs)
+    radiance = value * wi[:, 2:] ** (1 - model.transform.power)
     level = typical_level(radiance)
     seen = _relative(np.linalg.norm(amplitude * shown(radiance, level), axis=1))
-    if not model.symmetry.isotropic:
-        share = radiance / (radiance + model.transform.floor)
-        seen = 0.5 * (seen + _relative(np.linalg.norm(amplitude * share, axis=1)))
     density = seen**_STEEP + _EVEN
+    if not symmetry.isotropic:
+        share = value / (value + model.transform.floor)
+        relative = _relative(np.linalg.norm(amplitude * share, axis=1))
+        density = ((0.5 * (seen + relative)) ** _STEEP + _EVEN) * wi[:, 2] * wv[:, 2]
     distance, _ = model.tree.query(points)
-    free = free.copy()
     chosen: list[int] = []
     each = max(1, -(-count // _ROUNDS))
     while len(chosen) < count:
-        merit = np.where(free, density * distance**model.symmetry.dimensions, -1.0)
+        merit = density * distance**symmetry.dimensions
+        merit[chosen] = -1.0
         picked = _apart(points, merit, distance, min(each, count - len(chosen)))
         chosen += picked
-        free[picked] = False
-        images = model.coordinates(model.symmetry.images(angles[picked]))
-        nearest, _ = cKDTree(images).query(points)
+        nearest, _ = cKDTree(model.coordinates(symmetry.images(angles[picked]))).query(points)
         distance = np.minimum(distance, nearest)
     return np.array(chosen)
 

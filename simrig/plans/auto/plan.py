@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from simrig.brdf.kriging.choice import final_model, with_profile
-from simrig.brdf.kriging.coordinates import half_difference_angles
 from simrig.brdf.kriging.displayed import displayed_pairs, even_pairs, lobe_pairs
 from simrig.brdf.kriging.model import KrigingModel, fit_model
 from simrig.brdf.kriging.outliers import STANDS_OUT, outstanding, trusted
@@ -251,9 +250,7 @@ class _Run:
     ) -> tuple[np.ndarray, np.ndarray]:
         again = _again(model, wanted)
         wi, wv = self._candidates(choice.shares, model.samples, wanted, number)
-        angles = half_difference_angles(wi, wv, model.symmetry.axis)
-        free = np.ones(len(wi), dtype=bool)
-        chosen = next_batch(model, angles, free, wanted - len(again))
+        chosen = next_batch(model, wi, wv, wanted - len(again))
         samples = model.samples
         wi = np.concatenate([samples.wi[again], wi[chosen]])
         wv = np.concatenate([samples.wv[again], wv[chosen]])
