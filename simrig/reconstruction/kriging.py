@@ -26,7 +26,7 @@ _PROFILE_NODES = 1500  # of a curve over theta_h, some four to each of its own
 # of 2 × 2 × 2 (× 2) nodes together; measured isotropic materials change within few samples
 _BLOCK_NEIGHBOURS = {True: 24, False: 48}
 # nodes of theta_h, phi_h, theta_d and phi_d (over full turns) to one another
-_ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 10.0, 2.0, 2.2)
+_ISOTROPIC_SHAPE, _ANISOTROPIC_SHAPE = (4.0, 1.0, 1.7, 2.0), (4.0, 8.0, 3.4, 2.8)
 
 
 def reconstruct_kriging(measurement: Measured) -> Reconstructed:
