@@ -6,6 +6,7 @@ those under which left-out samples are predicted best.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -22,6 +23,7 @@ from simrig.reconstruction.result import Reconstructed
 _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 240_000, 1_500_000  # at most
 _FEWEST_NODES = {True: 20_000, False: 240_000}  # isotropic or not
 _NODES_PER_SAMPLE = {True: 60, False: 120}
+_TRIED_NODES, _FAR_APART = 500, 0.3  # lengths of the covariance between nodes of one block
 _PROFILE_NODES = 1500  # of a curve over theta_h, some four to each of its own
 # of 2 × 2 × 2 (× 2) nodes together; measured isotropic materials change within few samples
 _BLOCK_NEIGHBOURS = {True: 24, False: 48}
@@ -62,20 +64,23 @@ def _contradicted(samples: Samples, model: KrigingModel) -> list[str]:
 
 
 def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
-    """Return a table of a model; blocks of 2 × 2 × 2 × 2 nodes share their neighbours."""
+    """Return a table of a model; blocks of up to 2 × 2 × 2 × 2 nodes share their neighbours."""
     symmetry, stretch = model.symmetry, model.coordinates.stretch
     shape = table_shape(symmetry, len(model.samples))
     stretch_d = model.coordinates.stretch_d
     axes = node_angles(shape, symmetry, stretch, stretch_d)
-    first = np.meshgrid(*(np.arange(0, count, 2) for count in shape), indexing="ij")
-    corners = [c for c in product((0, 1), repeat=4) if not (symmetry.isotropic and c[1])]
+    sizes = _block_sizes(model, axes)
+    first = np.meshgrid(
+        *(np.arange(0, count, size) for count, size in zip(shape, sizes, strict=True)),
+        indexing="ij",
+    )
     nodes = np.array(  # (corners, 4, blocks)
         [
             [
                 np.minimum(index.ravel() + step, count - 1)
                 for index, step, count in zip(first, corner, shape, strict=True)
             ]
-            for corner in corners
+            for corner in product(*map(range, sizes))
         ]
     )
     angles = np.stack([axis[nodes[:, k]] for k, axis in enumerate(axes)], axis=-1)
@@ -95,6 +100,26 @@ def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
         _curve(model),
         model.samples.dark_beyond,
     )
+
+
+def _block_sizes(model: KrigingModel, axes: Sequence[np.ndarray]) -> list[int]:
+    """Return how many nodes share neighbours along each axis: one where they are far apart."""
+    rng = np.random.default_rng(0)
+    places = [rng.integers(0, max(len(axis) - 1, 1), _TRIED_NODES) for axis in axes]
+    own = model.coordinates(_angles_at(axes, places))
+    sizes = []
+    for k, axis in enumerate(axes):
+        beside = [place + (k == other) for other, place in enumerate(places)]
+        if len(axis) == 1:
+            sizes.append(1)
+            continue
+        apart = np.linalg.norm(model.coordinates(_angles_at(axes, beside)) - own, axis=1)
+        sizes.append(1 if np.median(apart) > _FAR_APART else 2)
+    return sizes
+
+
+def _angles_at(axes: Sequence[np.ndarray], places: Sequence[np.ndarray]) -> np.ndarray:
+    return np.stack([axis[place] for axis, place in zip(axes, places, strict=True)], axis=-1)
 
 
 def _curve(model: KrigingModel) -> np.ndarray | None:
