@@ -36,7 +36,9 @@ def next_batch(model: KrigingModel, wi: np.ndarray, wv: np.ndarray, count: int) 
     logs, _ = model.at(angles, neighbours=12)
     amplitude = amplitudes(model, angles)
     value = model.transform.radiance(logs)
-    radiance = value * wi[:, 2:] ** (1 - model.transform.power)
+    # where the two orders count as one, both must be as likely: they show whether they are one
+    both = 0.5 * (wi + wv)[:, 2:] if model.transform.power == 0 else 1.0
+    radiance = value * both
     level = typical_level(radiance)
     seen = _relative(np.linalg.norm(amplitude * shown(radiance, level), axis=1))
     density = seen**_STEEP + _EVEN
