@@ -102,7 +102,8 @@ def _seen_on_a_sphere() -> tuple[np.ndarray, np.ndarray]:
     around = to_vector(
         np.arccos(1.0 - (1.0 - _LOWEST) * steps / count), np.pi * (1.0 + np.sqrt(5.0)) * steps
     )
-    lights = np.concatenate([[_SUN / np.linalg.norm(_SUN)], around])
+    sun = np.array(_SUN) / np.linalg.norm(_SUN)
+    lights = np.concatenate([sun[None], around])
     across = np.cross([0.0, 1.0, 0.0], normals)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     frames = np.stack([across, np.cross(normals, across), normals], axis=1)  # (pixels, 3, 3)
