@@ -118,3 +118,16 @@ def test_simrig_btf_has_a_time(tmp_path: Path) -> None:
     assert not (tmp_path / "t.toml").exists()
     path.write_text("[[frame]]\ntime = true\nfile = 'a.h5'\n")
     refused("'time' and a 'file'", read_sequence, path)
+
+
+def test_the_study_compares_at_times_left_out(tmp_path: Path) -> None:
+    from simrig.evaluation.studies import STUDIES
+
+    study = STUDIES["time-varying"]
+    config = {**study.presets["quick"], "texels": 12, "spp": 1, "left_out": [0.25]}
+    cell = study.cells(config)[0]
+    rows = [{**cell, **row} for row in study.run_cell(config, cell)]
+    summary = study.summarise(config, rows)
+    assert [row["method"] for row in summary["rows"]] == list(METHODS)
+    assert all(row["delta_e"] > 0.0 and row["psnr"] > 10.0 for row in summary["rows"])
+    assert all(path.is_file() for path in study.plots(summary, rows, tmp_path))

@@ -9,6 +9,7 @@ from types import ModuleType
 
 from simrig.evaluation.benchmarks import (
     basis,
+    gantry_film,
     look_ups,
     merging,
     planned,
@@ -25,6 +26,7 @@ BENCHMARKS: dict[str, ModuleType] = {
     "basis": basis,
     "btf": btf,
     "btf-measurement": btf_measurement,
+    "gantry-film": gantry_film,
     "look-ups": look_ups,
     "merging": merging,
     "planned": planned,

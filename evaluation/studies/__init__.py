@@ -9,6 +9,7 @@ from simrig.evaluation.studies import (
     closed_loop,
     critical_distance,
     dense_brdf,
+    gantry_film,
     isotropic_measured,
     multiaxial,
     plan_validation,
@@ -17,6 +18,7 @@ from simrig.evaluation.studies import (
     reflector_subspaces,
     table_5_3,
     tailored_sampling,
+    time_varying,
     traps,
 )
 from simrig.evaluation.studies.btf_against_structure import study as btf_against_structure

@@ -7,7 +7,7 @@ was being filmed, and the same command goes on with the others.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -148,7 +148,7 @@ class Film:
                 def done(k: int, before: int = number * frames) -> None:
                     report(before + k, slices * frames)
 
-                self._slice(folder / name, number, done)
+                self.film_slice(folder / name, number, done)
             report((number + 1) * frames, slices * frames)
 
     def _still(self, path: Path) -> None:
@@ -157,7 +157,10 @@ class Film:
         with atomic_write(path) as temporary:
             cv2.imwrite(str(temporary), frame)
 
-    def _slice(self, path: Path, number: int, report: Any) -> None:
+    def film_slice(
+        self, path: Path, number: int, report: Callable[[int], None] = lambda _: None
+    ) -> None:
+        """Film one slice into a video; ``report`` is called with frames done."""
         camera, motion = self.camera(number)
         setup = camera.setup
         keys, samples, mean, bright = self._sampled(camera, motion)
