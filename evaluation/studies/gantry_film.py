@@ -1,7 +1,7 @@
 """Section 6.3.6: from film to BTF, with the error of every stage alone.
 
-The reference has images of all wanted pairs. ``reconstruction`` makes them of the gantry's images as
-the reference rig has them; every other stage makes them of films with the effects of this stage
+The reference has images of all wanted pairs. ``reconstruction`` makes them of the gantry's images
+as the reference rig has them; every other stage makes them of films with the effects of this stage
 alone, ``frames`` with none (eight bits and the choice of frames remain), ``all`` with every effect.
 What a stage costs beyond ``frames`` is its own. A film has the frames per second of the
 configuration; the thesis has 30. Errors are those of the images as displayed, over the pairs. A
