@@ -63,5 +63,7 @@ STUDIES = {
         "btf-against-structure": btf_against_structure,
         "btf-slices": btf_slices,
         "sampling-comparison": sampling_comparison,
+        "gantry-film": gantry_film,
+        "time-varying": time_varying,
     }.items()
 }

@@ -26,7 +26,7 @@ import numpy as np
 from simrig.btf.stack import BtfStack
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.images import image_errors
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.instruments.description import described, shipped
 from simrig.mesostructure import build_tile
 from simrig.plans.gantry import GantryPlan
@@ -73,6 +73,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "pairs": 60,
     },
 }  # fmt: skip
+cells = one_per(material="materials", stage="stages")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
@@ -155,16 +156,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
             error = [row["delta_e"] for row in mine]
             axes.plot([row["stage"] for row in mine], error, "o-", label=material)
     return [path]
-
-
-STUDY: Study = Study(
-    name="gantry-film",
-    about="from film to BTF: the error of frames, registration, exposure, light, colour and tiling",
-    source="thesis section 6.3.6, Figures 6.20 and 6.21",
-    presets=PRESETS,
-    cells=one_per(material="materials", stage="stages"),
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)

@@ -19,7 +19,7 @@ import numpy as np
 from simrig.btf.varying import METHODS, VaryingBtf
 from simrig.core.tables import text_table
 from simrig.evaluation.metrics.images import image_errors
-from simrig.evaluation.studies.engine.base import Cell, Config, Row, Study, one_per
+from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.mesostructure import build_tile
 from simrig.rigs.btf.rig import measure_btf
 from simrig.viewing.plots import drawn_panel
@@ -45,6 +45,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "spp": 16,
     },
 }
+cells = one_per(material="materials", change="changes")
 
 
 def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
@@ -104,16 +105,3 @@ def plots(summary: Mapping[str, Any], rows: Sequence[Row], folder: Path) -> list
                 axes.plot(times, error, "o-", label=method)
         made.append(path)
     return made
-
-
-STUDY: Study = Study(
-    name="time-varying",
-    about="BTFs of materials that dry, tarnish or gather dust, at times that were left out",
-    source="thesis appendix E, Figures E.2 and E.3",
-    presets=PRESETS,
-    cells=one_per(material="materials", change="changes"),
-    run_cell=run_cell,
-    summarise=summarise,
-    table=table,
-    plots=plots,
-)
