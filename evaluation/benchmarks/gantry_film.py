@@ -38,7 +38,7 @@ def run(progress: Any = None) -> dict[str, Any]:
     theta = plan.thetas[plan.slices[_NUMBER].pair[1]]
     values = np.random.default_rng(0).uniform(0.1, 0.3, (plan.samples, 128, 128, 3))
     stack = BtfStack(values.astype(np.float16), plan.angles(), (16.0, 16.0))
-    rows = []
+    rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "slice.avi"
         parts: dict[str, Callable[[], Any]] = {
