@@ -39,7 +39,7 @@ _COMMON = {"folder": "../shared/data", "families": [CHOSEN, *SHAPES], "grid_step
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {**_COMMON, "materials": ["purple_satin"], "samples": [150]},
-    "full": {**_COMMON, "materials": [*FILES, *KURT_MATERIALS], "samples": [300, 1000, 2933]},
+    "full": {**_COMMON, "materials": [*FILES, *KURT_MATERIALS], "samples": [300, 1000]},
 }
 
 

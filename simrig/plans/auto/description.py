@@ -26,7 +26,7 @@ class Test:
 
     Attributes:
         difference: mean of the relative differences of values that it would make equal.
-        uncertainty: its standard error; infinite where nothing was tried.
+        uncertainty: its standard error; infinite where it was tried once at most.
         holds: whether they are equal within noise.
     """
 
@@ -35,8 +35,10 @@ class Test:
     holds: bool
 
     def __str__(self) -> str:
-        error = float(f"{100 * self.uncertainty:.1g}")
-        return f"{round(100 * self.difference, _DIGITS):.2g} ± {error:g} %"
+        difference = f"{round(100 * self.difference, _DIGITS):.2g}"
+        if not np.isfinite(self.uncertainty):
+            return f"{difference} %"
+        return f"{difference} ± {float(f'{100 * self.uncertainty:.1g}'):g} %"
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,8 @@ def _test(differences: np.ndarray, nudged: np.ndarray) -> Test:
         return Test(0.0, float("inf"), True)  # nothing speaks against it
     count = len(nudged)
     mean = float(differences.mean())
-    error = float(np.sqrt((differences.var() + nudged.var()) / count))
+    spread = np.sqrt((differences.var() + nudged.var()) / count)
+    error = float(spread) if count > 1 else float("inf")
     # a few groups, on the flanks of narrow highlights, see errors of the axes many times enlarged
     kept = count if nudged.max() < _NO_NOISE else int(np.ceil(_KEPT * count))
     least_of_both = (np.sort(differences)[:kept], np.sort(nudged)[:kept])
