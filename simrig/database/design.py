@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from simrig.core.blas import one_thread
 from simrig.core.errors import SimrigError
 from simrig.database.process import RotationProcess
 from simrig.database.slices import SliceBasis
@@ -78,6 +79,7 @@ def _root(values: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray) 
     return 0.5 * (low + high)
 
 
+@one_thread()
 def least_condition(
     basis: SliceBasis,
     count: int,
@@ -156,6 +158,7 @@ class _Neighbours:
         return found
 
 
+@one_thread()
 def optimal(
     basis: SliceBasis,
     count: int,
@@ -203,6 +206,7 @@ def _changed(covariance: np.ndarray, row: np.ndarray, noise: float) -> np.ndarra
     return covariance - np.outer(along, along) / (noise + float(row @ along))
 
 
+@one_thread()
 def joint(process: RotationProcess, count: int, theta_max: float = float(_STEEPEST)) -> np.ndarray:
     """Return directions and rotations that are chosen together, in the order of their worth.
 

@@ -85,6 +85,15 @@ class SliceGrid:
         theta_h, theta_d, phi_d = self.angles.T
         return from_half_difference(theta_h, 0.0 * theta_h + phi_h, theta_d, phi_d)
 
+    @cached_property
+    def _everywhere(self) -> tuple[np.ndarray, np.ndarray]:
+        """ω_i and ω_v of all rows at all rotations, (3, p · rotations) float32."""
+        turns = 2.0 * np.pi / self.rotations * np.arange(self.rotations)
+        theta_h, theta_d, phi_d = np.repeat(self.angles, self.rotations, axis=0).T
+        pair = from_half_difference(theta_h, np.tile(turns, len(self.angles)), theta_d, phi_d)
+        wi, wv = (np.ascontiguousarray(w.T, dtype=np.float32) for w in pair)
+        return wi, wv
+
     def rows(self, theta_h: np.ndarray, theta_d: np.ndarray, phi_d: np.ndarray) -> csr_array:
         """Return the weights of the rows at any angles, (n, p): linear between nodes above.
 
@@ -142,17 +151,14 @@ class SliceGrid:
         Raises:
             SimrigError: values that are not finite.
         """
-        types = backend.types("float32", "llvm")
-        tables = brdf.tables(types.Float, False) if brdf.in_kernels else None
-        found = np.empty((len(self.angles), self.rotations, 3), dtype=np.float32)
-        for number in range(self.rotations):
-            wi, wv = self.directions(2.0 * np.pi / self.rotations * number)
-            if tables is None:
-                values = brdf.eval(wi, wv)
-            else:
-                light, view = (types.Array3(*np.ascontiguousarray(w.T)) for w in (wi, wv))
-                values = np.array(brdf.eval(light, view, tables)).T
-            found[:, number] = np.broadcast_to(values, (len(wi), 3))
+        if brdf.in_kernels:
+            types = backend.types("float32", "llvm")
+            light, view = (types.Array3(*w) for w in self._everywhere)
+            values = np.array(brdf.eval(light, view, brdf.tables(types.Float, False))).T
+        else:
+            values = brdf.eval(*(w.T for w in self._everywhere))
+        shape = (len(self.angles), self.rotations, 3)
+        found = np.broadcast_to(values, (shape[0] * shape[1], 3)).astype(np.float32).reshape(shape)
         if not np.all(np.isfinite(found)) or float(found.max()) > _LARGEST:
             raise SimrigError(
                 f"'{brdf.name}' has values that are not finite or above {_LARGEST:g} 1/sr: "

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from simrig.core.blas import one_thread
 from simrig.core.errors import SimrigError
 from simrig.core.progress import Progress
 from simrig.database.grid import EPSILON
@@ -59,6 +60,7 @@ class Posterior:
     _factors: tuple[np.ndarray, ...]
 
     @classmethod
+    @one_thread()
     def of(
         cls,
         process: RotationProcess,
@@ -114,6 +116,7 @@ class Posterior:
             tuple(factors),
         )  # fmt: skip
 
+    @one_thread()
     def logs(self, progress: Progress | None = None) -> np.ndarray:
         """Return ln(f_r w + ε) at all nodes of the grid, (p, rotations, 3) float32."""
         basis = self.process.basis
@@ -143,6 +146,7 @@ class Posterior:
                     found[part, number, used] += kernel @ scaled.astype(np.float32)
         return found @ OPPONENT.astype(np.float32)
 
+    @one_thread()
     def error(self, seed: int = 0) -> float:
         """Return the expected root mean square error of the logarithms, over all places."""
         rng = np.random.default_rng(seed)

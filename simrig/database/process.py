@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from simrig.core.blas import one_thread
 from simrig.database.slices import SliceBasis
 from simrig.directions.half_difference import from_half_difference
 
@@ -100,6 +101,7 @@ class RotationProcess:
     residual: np.ndarray
 
     @classmethod
+    @one_thread()
     def of(cls, basis: SliceBasis) -> RotationProcess:
         """Return the process of a basis and the coefficients of its materials."""
         first = basis.first(min(_COMPONENTS, basis.components.shape[1]))

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simrig.core.blas import one_thread
 from simrig.core.errors import SimrigError
 from simrig.core.progress import Progress
 from simrig.database.grid import SliceGrid
@@ -104,6 +105,7 @@ class Slices:
         return made
 
     @classmethod
+    @one_thread()
     def sampled(cls, database: Database, progress: Progress | None = None) -> Slices:
         """Return the slices of a database, sampled anew."""
         grid, means, factors, loadings = SliceGrid(), [], [], []
