@@ -181,7 +181,7 @@ def _one(
         backend.select("auto")
         with planned_subject(scene) as at_work:
             if budget_seconds is None:
-                plan = plan_scene(at_work, tolerance)
+                plan = plan_scene(at_work, tolerance, thrifty=True)
             else:
                 plan = plan_budget(at_work, budget_seconds, tolerance)
             result, plan = verified_render(at_work, plan)

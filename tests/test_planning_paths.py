@@ -95,7 +95,7 @@ def made_up(direct: float, indirect: float, largest: float, paths: int) -> PathP
     halves[0], halves[1] = direct, indirect
     tail = np.zeros(BOUNCES)
     tail[0] = largest
-    return PathProbe(halves, tail, paths, 1e-7, [])
+    return PathProbe(halves, tail, paths, 1e-7, 0.0, [])
 
 
 def test_what_no_path_met_is_allowed_for() -> None:

@@ -125,7 +125,7 @@ def _reference(scene: Any, converges: str, seconds: float, error: float) -> Repl
 
 
 def _row(at_work: Any, tolerance: Tolerance, reference: Replicates) -> dict[str, Any]:
-    plan = plan_scene(at_work, tolerance)
+    plan = plan_scene(at_work, tolerance, thrifty=True)
     result, checked = verified_render(at_work, plan, seed=1)
     check = checked.about["verification"]
     planned = result.image

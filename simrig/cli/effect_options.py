@@ -87,8 +87,10 @@ def seconds_of(text: str) -> float:
     return seconds
 
 
-def planned(subject: Any, effects: Effects, budget: str | None, **options: Any) -> EffectPlan:
-    """Return the plan of a scene for a tolerance, or for a time.
+def planned(
+    subject: Any, effects: Effects, budget: str | None, thrifty: bool = False, **options: Any
+) -> EffectPlan:
+    """Return the plan of a scene for a tolerance, which may be thrifty, or for a time.
 
     Raises:
         SimrigError: both a tolerance's value and a time, or what the planner refuses.
@@ -98,7 +100,7 @@ def planned(subject: Any, effects: Effects, budget: str | None, **options: Any) 
     allowed, tolerance = effects.tolerance or DEFAULT_TOLERANCE, effects.tolerance
     options |= effects.overrides
     if budget is None:
-        return plan_scene(subject, allowed, **options)
+        return plan_scene(subject, allowed, thrifty=thrifty, **options)
     if tolerance is not None:
         raise SimrigError("--budget finds the tolerance that fits: leave out --tolerance")
     return plan_budget(subject, seconds_of(budget), allowed, **options)
@@ -112,7 +114,7 @@ def plan_table(plan: EffectPlan, title: str = "") -> Any:
             "?" if decision.bound is None else f"{decision.bound.value:.3g}",
             "on" if decision.on else "off",
             decision.why,
-            f"{decision.cost_s:.2g}",
+            "?" if math.isnan(decision.cost_s) else f"{decision.cost_s:.2g}",
         )
         for decision in plan.effects
     ]
@@ -130,7 +132,7 @@ def plan_lines(plan: EffectPlan) -> list[str]:
     verified = plan.about.get("verification")
     if verified and verified["checked"]:
         lines.append(_verified(verified, plan.tolerance.unit))
-    return [*lines, *([plan.about["advice"]] if plan.about["advice"] else [])]
+    return [*lines, *filter(None, (plan.about["unlooked"], plan.about["advice"]))]
 
 
 def _over_time(plan: EffectPlan) -> str:

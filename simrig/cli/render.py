@@ -121,7 +121,7 @@ def render(
                 decided = planning.checked_overrides(**effects.overrides)
                 opened = planning.planned_subject(subject, decided, variant, exposure, sensor)
                 with opened as at_work:  # loaded once
-                    planned = effect_options.planned(at_work, effects, budget)
+                    planned = effect_options.planned(at_work, effects, budget, thrifty=True)
                     if verify:
                         result, planned = planning.verified_render(at_work, planned, seed, report)
                     else:

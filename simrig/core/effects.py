@@ -141,7 +141,7 @@ class Decision:
     Attributes:
         bound: the most that leaving it out can change; None when it cannot be bounded.
         on: whether it is simulated.
-        cost_s: estimated seconds that simulating it adds (or would add).
+        cost_s: estimated seconds that simulating it adds (or would add); NaN where nobody looked.
         description: one line that says what the effect is.
     """
 
@@ -163,7 +163,7 @@ class Decision:
             "bound": value,
             "on": self.on,
             "why": self.why,
-            "cost_s": self.cost_s,
+            "cost_s": None if math.isnan(self.cost_s) else self.cost_s,
         }
 
 

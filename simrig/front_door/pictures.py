@@ -158,7 +158,8 @@ def render(
         plan: what ``plan`` returned for this scene, in place of a tolerance.
         enable, disable, everything: see ``plan``.
         verify: check the planned picture against an independent estimate; where that contradicts
-            it, what explains it comes on and the picture is rendered again.
+            it, what explains it comes on and the picture is rendered again. Where asking what may
+            be left out costs more than the picture, nothing is left out, or checked.
         seed: >= 0; the same seed gives the same picture.
         progress: called with samples per pixel done and in total.
 
@@ -170,7 +171,7 @@ def render(
         SimrigError: a scene that cannot be built, options that contradict each other, or a picture
             that is not finite.
     """
-    from simrig.planning import checked_overrides, planned_subject, scene_source
+    from simrig.planning import checked_overrides, plan_scene, planned_subject, scene_source
     from simrig.rendering import render as rendering
 
     backend.current()
@@ -186,7 +187,8 @@ def render(
         return _by_plan(scene, plan, verify, seed, progress)
     overrides = checked_overrides(enable, disable, everything)
     with planned_subject(scene, overrides) as at_work:  # loaded once
-        plan = _planned(at_work, tolerance, enable, disable, everything)
+        allowed = DEFAULT_TOLERANCE if tolerance is None else tolerance
+        plan = plan_scene(at_work, allowed, enable, disable, everything, thrifty=True)
         return _by_plan(at_work, plan, verify, seed, progress)
 
 
@@ -203,14 +205,3 @@ def _by_plan(
         picture, plan = verified_render(scene, plan, seed, progress)
         return replace(picture, plan=plan)
     return replace(planned_render(scene, plan, seed, progress), plan=plan)
-
-
-def _planned(
-    scene: Any,
-    tolerance: str | Tolerance | None,
-    enable: Iterable[str],
-    disable: Iterable[str],
-    everything: bool,
-) -> EffectPlan:
-    allowed = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    return plan(scene, allowed, enable=enable, disable=disable, everything=everything)

@@ -56,7 +56,7 @@ def render_seconds(subject: SceneSubject, per_sample: float, spp: int) -> float:
         spp: samples per pixel.
     """
     samples = spp * subject.pixels
-    return subject.probe.overhead_s + samples * (per_sample + _film_seconds(str(mi.variant())))
+    return subject.overhead_s + samples * (per_sample + _film_seconds(str(mi.variant())))
 
 
 @cache

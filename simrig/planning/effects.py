@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from simrig.core.effects import Bound, Effect, Tolerance
@@ -22,8 +24,9 @@ SPECTRAL = "spectral"
 _UNSHADOWED_SAFETY = 2.0
 
 
-def _seconds(per_sample: float, subject: SceneSubject) -> float:
-    return per_sample * subject.pixels * USUAL_SPP
+def _seconds(per_sample: Callable[[SceneSubject], float], subject: SceneSubject) -> float:
+    """Return the seconds of a picture, NaN where no look can tell."""
+    return per_sample(subject) * subject.pixels * USUAL_SPP if subject.looks_pay else math.nan
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Shadowing:
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds of one more ray per light."""
-        return _seconds(shadow_seconds(subject), subject)
+        return _seconds(shadow_seconds, subject)
 
 
 @dataclass(frozen=True)
@@ -73,14 +76,14 @@ class InterReflection:
             return None
         if not subject.survey.bodies:
             return Bound(0.0, tolerance.unit, "there is no surface", absent=True)
-        if subject.doubts(tolerance):
+        if not subject.looks_pay or subject.doubts(tolerance):
             return None
         bounds = subject.indirect_changes(tolerance)
         return Bound(bounds.values[0], tolerance.unit, bounds.why)
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds of following paths further."""
-        return _seconds(indirect_seconds(subject), subject)
+        return _seconds(indirect_seconds, subject)
 
 
 @dataclass(frozen=True)
@@ -95,13 +98,15 @@ class BsdfSampling:
         if subject.survey.only_delta_lights:
             why = "delta lights only: sampling them is exact, the BSDF never meets them"
             return Bound(0.0, tolerance.unit, why)
+        if not subject.looks_pay:
+            return None
         change = subject.black_change(tolerance)
         why = "a lobe narrower than its light may carry all that is seen"
         return Bound(change, tolerance.unit, why)
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds of one more direction per sample."""
-        return _seconds(bsdf_seconds(subject), subject)
+        return _seconds(bsdf_seconds, subject)
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,7 @@ class EnvironmentLight:
         """Return the seconds of sampling the map."""
         if subject.survey.environment is None:
             return 0.0
-        return _seconds(bsdf_seconds(subject), subject)
+        return _seconds(bsdf_seconds, subject)
 
 
 def spectral_bound(source: SceneSource, unit: str) -> Bound | None:
@@ -146,7 +151,7 @@ class SpectralRendering:
 
     def cost(self, subject: SceneSubject) -> float:
         """Return the seconds that spectral samples add."""
-        return _seconds(spectral_seconds(subject), subject)
+        return _seconds(spectral_seconds, subject)
 
 
 @dataclass(frozen=True)

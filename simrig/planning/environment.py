@@ -144,7 +144,7 @@ def decide_environment(
         The decisions, and the number of lights when they stand for the map.
     """
     on = {decision.effect: decision.on for decision in decisions}
-    if subject.survey.environment is None:
+    if subject.survey.environment is None or not subject.looks_pay:
         return decisions, None
     why = _kept_by(subject, on)
     if why:

@@ -33,7 +33,8 @@ from simrig.planning.view import GROUPS, View
 from simrig.rendering.render import timed
 
 BOUNCES = 8  # of indirect light that are told apart; the last holds all beyond
-PATHS = (1 << 16, 1 << 18, 1 << 20)  # of a first look, and of larger ones
+FEW_PATHS = 1 << 14  # of a first look
+PATHS = (1 << 16, 1 << 18, 1 << 20)  # of looks that bounds rest on, and of larger ones
 _CERTAIN = 3.0  # standard errors
 _UNSEEN = 3.0  # events per n samples ("rule of three")
 _RANGE_SAFETY = 2.0
@@ -50,12 +51,14 @@ class PathProbe:
         largest: (BOUNCES,) largest radiance of one path from indirect order k on.
         paths: how many in all.
         seconds_per_sample: of the kernel, all orders.
+        overhead_s: of tracing the program and launching it.
     """
 
     halves: np.ndarray
     largest: np.ndarray
     paths: int
     seconds_per_sample: float
+    overhead_s: float
     _bounces: Sequence[Any]
 
     def radiance(self, depth: int) -> np.ndarray:
@@ -99,6 +102,7 @@ def probe_paths(
         _largest(orders[1:]),
         count * each,
         clock.kernel_seconds / (count * each),
+        max(clock.run_seconds - clock.kernel_seconds, 0.0),
         orders,
     )
 

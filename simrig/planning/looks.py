@@ -11,14 +11,18 @@ import math
 from collections.abc import Callable
 
 from simrig.core.effects import Tolerance
-from simrig.planning.indirect import PATHS
+from simrig.planning.indirect import FEW_PATHS, PATHS
 from simrig.planning.integrators import UNLIMITED
-from simrig.planning.noise import IN_A_PIXEL
+from simrig.planning.noise import ALONG_PATHS, IN_A_PIXEL
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
 
 MOST_SECONDS = 200.0  # that a picture takes when nothing is said of its time
 _SHARE = 0.02  # of the samples of the picture, in one look
+# The samples of a picture with everything that cost no less than looks and a check, which are a
+# fifth of them and a dozen programs, each to be made and compiled.
+_WORTH_LOOKS = 1 << 20
+_SHARE_OF_FEW = 0.25  # of these samples, in a look that foretells noise alone
 MORE_SAMPLES = (64, 256, 1024)  # of each looked-at pixel, where orders are not told apart
 
 
@@ -31,17 +35,38 @@ def size_looks(subject: SceneSubject, noise: Tolerance) -> None:
     """
     if not subject.tells_orders:
         return
-    if not subject.path_count:
+    if subject.path_count < PATHS[0] and subject.looks_pay:
         subject.look_along_paths(PATHS[0])
+    share = _SHARE if subject.looks_pay else _SHARE_OF_FEW
     while True:
-        paths = subject.paths
-        sampled = SampledSubject(subject, paths.radiance(UNLIMITED), paths.seconds_per_sample)
-        subject.affordable_paths = int(_SHARE * _samples(sampled, noise))
-        least = PATHS[1] if sampled.heavy_tailed(noise) else PATHS[0]
+        sampled = everything_sampled(subject)
+        subject.affordable_paths = int(share * _samples(sampled, noise))
+        least = PATHS[1] if sampled.heavy_tailed(noise) else subject.path_count
         larger = next((n for n in PATHS if n > subject.path_count), math.inf)
         if larger > max(subject.affordable_paths, least):
             return
         subject.look_along_paths(int(larger))  # which may tell that the picture is worth less
+
+
+def looks_pay(subject: SceneSubject, noise: Tolerance) -> bool:
+    """Return whether looking for what can be left out may save more than it costs.
+
+    It does not where the picture with everything takes few samples, none of which carries much,
+    and structure gives no reason to doubt them.
+
+    Args:
+        subject: the scene.
+        noise: that the samples of the picture may leave.
+    """
+    if subject.pixels > _WORTH_LOOKS:
+        return True
+    if subject.tells_orders and not subject.path_count:
+        subject.look_along_paths(FEW_PATHS)
+    sampled = everything_sampled(subject)
+    if sampled.heavy_tailed(noise):
+        return True
+    needed, _ = sampled.needed(noise, noise.amount)
+    return needed * subject.pixels > _WORTH_LOOKS or bool(subject.doubts(noise))
 
 
 def looked_closer(
@@ -67,6 +92,24 @@ def looked_closer(
         if more * pixels <= (1.0 if cheap else _SHARE) * samples:
             sampled = look(more)
     return sampled
+
+
+def everything_sampled(subject: SceneSubject) -> SampledSubject:
+    """Return the looked-at pixels with light of all orders; the same ones until more are known."""
+    if subject.sampled is None:
+        subject.sampled = _everything_sampled(subject)
+    return subject.sampled
+
+
+def _everything_sampled(subject: SceneSubject) -> SampledSubject:
+    if subject.tells_orders:
+        paths = subject.paths
+        return SampledSubject(subject, paths.radiance(UNLIMITED), paths.seconds_per_sample)
+    media = subject.survey.needs_volpath
+    seen = subject.all_orders if media else subject.probe
+    exact = subject.survey.only_delta_lights and not media
+    dimensions = IN_A_PIXEL if exact else ALONG_PATHS
+    return SampledSubject(subject, seen.radiance, seen.seconds_per_sample, dimensions=dimensions)
 
 
 def _samples(sampled: SampledSubject, noise: Tolerance) -> int:

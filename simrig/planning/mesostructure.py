@@ -79,7 +79,7 @@ def decide_mesostructure(
         those that have it everywhere; and, where some of it is seen, the most that the averages
         beyond these distances change.
     """
-    if not structured_materials(subject.scene):
+    if not structured_materials(subject.scene) or not subject.looks_pay:
         return decisions, {}, 0.0
     asked = overrides.of(MESOSTRUCTURE)
     probed = _StructureProbe(subject, integrator, allowed)

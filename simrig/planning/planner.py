@@ -40,7 +40,13 @@ from simrig.planning.expectation import expectation
 from simrig.planning.integrators import DIRECT_DEPTH, UNLIMITED, path_integrator
 from simrig.planning.light_tracing import PARTICLES, light_tracer
 from simrig.planning.loading import planned_subject, planning_times
-from simrig.planning.looks import MOST_SECONDS, looked_closer, size_looks
+from simrig.planning.looks import (
+    MOST_SECONDS,
+    everything_sampled,
+    looked_closer,
+    looks_pay,
+    size_looks,
+)
 from simrig.planning.mesostructure import MESOSTRUCTURE, decide_mesostructure, structure_within
 from simrig.planning.noise import ALONG_PATHS, IN_A_PIXEL, nearest_samples
 from simrig.planning.overrides import (
@@ -63,6 +69,7 @@ _DEEPER = 0.3  # of what is left for what is left out, for the orders beyond the
 _WORTH_PARTICLES = 16  # samples of a picture by paths for each particle that is followed first
 _NOISE_SHARE = 0.7  # of what is left of a tolerance, see ``_noise_share``
 OVER_TIME = (0.25, 1.0, 4.0)  # of the samples, for the table of error over seconds
+_UNLOOKED = "nothing was looked for that could be left out: that costs more than the whole picture"
 _RARE = Doubt(
     "few samples carry most of the light, and more that were not met may carry as much",
     "a larger light, a rougher surface or the integrator 'ptracer' would help",
@@ -78,6 +85,7 @@ def plan_scene(
     variant: str = "auto",
     exposure: float | Callable[[np.ndarray], float] | None = None,
     sensor: int = 0,
+    thrifty: bool = False,
 ) -> EffectPlan:
     """Return which effects a picture of a scene calls for, and the settings that follow.
 
@@ -92,6 +100,8 @@ def plan_scene(
         exposure: of the display on which the tolerance is meant, or a function that tells it from
             a picture; by default ``display_exposure`` of a pilot picture with all orders.
         sensor: which of the scene's sensors looks.
+        thrifty: leave everything on, and do not look for what may be left out, where looking costs
+            more than it can save; ``about`` says so in ``unlooked``.
 
     Returns:
         The plan: ``settings`` holds ``integrator, depth, spp, variant`` (depth as Mitsuba's
@@ -108,12 +118,16 @@ def plan_scene(
     loading = planned_subject(scene, overrides, variant, exposure, sensor)
     with loading as subject, rendering.timed() as clock:
         subject.budget_seconds = None
-        plan = plan_subject(subject, tolerance, overrides)
+        plan = plan_subject(subject, tolerance, overrides, thrifty=thrifty)
     return replace(plan, about={**plan.about, **planning_times(subject, clock)})
 
 
 def plan_subject(
-    subject: SceneSubject, tolerance: Tolerance, overrides: Overrides, seconds: float | None = None
+    subject: SceneSubject,
+    tolerance: Tolerance,
+    overrides: Overrides,
+    seconds: float | None = None,
+    thrifty: bool = False,
 ) -> EffectPlan:
     """Return the plan of a scene that is loaded, in the variant in which it is planned.
 
@@ -123,9 +137,12 @@ def plan_subject(
         overrides: what the user decided.
         seconds: that the picture is to take, whatever noise they leave; infinite for as many as the
             noise calls for; ``MOST_SECONDS`` at most by default.
+        thrifty: see ``plan_scene``; what the user decides about is looked for.
     """
     check_possible(subject, overrides)
     allowed, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
+    asked = not thrifty or overrides != Overrides()
+    subject.looks_pay = asked or looks_pay(subject, noise)
     size_looks(subject, noise)
     subject.follows_paths = must_follow_paths(subject, overrides, allowed)
     decisions = decide(SCENE_EFFECTS, subject, allowed, concerning(overrides, SCENE_EFFECTS))
@@ -176,6 +193,7 @@ def plan_subject(
         "render_s": sampled.render_seconds(spp),
         "noise": random,
         "doubts": [doubt.what for doubt in doubts],
+        "unlooked": "" if subject.looks_pay else _UNLOOKED,
         "over_time": _over_time(sampled, noise, left_out(decisions) + missing, spp),
         **expected,
     }
@@ -264,6 +282,8 @@ def _explained(subject: SceneSubject, decision: Decision) -> Decision:
         spectra = f"what '{', '.join(source.unknown)}' holds is not known"
     reasons = {"inter-reflection": subject.survey.unknown, "spectral": spectra}
     reason = reasons.get(decision.effect)
+    if not subject.looks_pay and decision.bound is None:
+        return replace(decision, why=f"kept on without a look{f'; {reason}' if reason else ''}")
     if decision.bound is not None or not (decision.on and reason):
         return decision
     return replace(decision, why=f"{decision.why}; {reason}")
@@ -317,6 +337,8 @@ def _sampled(
     many samples is worth a larger look.
     """
     kind = integrator["type"]
+    if not subject.looks_pay or (kind == "path" and integrator == subject.everything):
+        return everything_sampled(subject)
     if kind == "path":
         paths = subject.paths
         radiance = paths.radiance(integrator["max_depth"])

@@ -13,7 +13,7 @@ from simrig.core.effects import Tolerance
 from simrig.planning.change import Display
 from simrig.planning.directional import Environment
 from simrig.planning.doubts import Doubt, doubts_about
-from simrig.planning.indirect import PATHS, PathProbe, probe_paths
+from simrig.planning.indirect import FEW_PATHS, PATHS, PathProbe, probe_paths
 from simrig.planning.integrators import (
     UNLIMITED,
     direct_integrator,
@@ -57,6 +57,8 @@ class SceneSubject:
         follows_paths: whether it is known that paths are traced, before anything is bounded.
         path_count: paths that a look follows; 0 before that was decided.
         affordable_paths: as many more as the picture is worth.
+        looks_pay: whether looking costs less than what may be saved by it.
+        sampled: what ``looks.everything_sampled`` keeps.
         budget_seconds: that its picture is to take; None where its noise decides.
         exposure: of the display; by default ``display_exposure`` of ``picture``.
     """
@@ -73,6 +75,8 @@ class SceneSubject:
         self.survey = Survey(self.scene)
         self.follows_paths = False
         self.path_count, self.affordable_paths = 0, 0
+        self.looks_pay = True
+        self.sampled: Any = None
         self.budget_seconds: float | None = None
         self._exposure = exposure
         self.seconds, self.compile_seconds, self.refused = 0.0, 0.0, ""
@@ -86,7 +90,15 @@ class SceneSubject:
         Raises:
             SimrigError, RuntimeError: it cannot.
         """
-        _ = self.all_orders if self.survey.needs_volpath else self.probe
+        if self.tells_orders:
+            self.look_along_paths(FEW_PATHS)
+        _ = self.picture
+
+    @property
+    def overhead_s(self) -> float:
+        """Seconds of launching a picture."""
+        looked = self.paths if self.tells_orders and self.probed_paths else self.probe
+        return looked.overhead_s
 
     @property
     def pixels(self) -> int:
@@ -183,7 +195,7 @@ class SceneSubject:
 
     def look_along_paths(self, count: int) -> None:
         """Look along about ``count`` paths; what followed from fewer is forgotten."""
-        self.path_count = count
+        self.path_count, self.sampled = count, None
         for known in ("paths", "picture", "exposure"):
             self.__dict__.pop(known, None)
         self._doubts.clear()
