@@ -188,7 +188,7 @@ def _chain(angles: np.ndarray) -> dict[str, Any]:
     """Record pictures on disk and process them; return what that took, and what all would take."""
     description: Any = described(_description())
     plan = Directions(angles, "81 x 81")
-    request, _ = request_of(MATERIAL, description, plan, sample_mm=SAMPLE_MM, spp=SPP)
+    request = request_of(MATERIAL, description, plan, sample_mm=SAMPLE_MM, spp=SPP)
     with tempfile.TemporaryDirectory() as place:
         folder, output = Path(place) / "recording", Path(place) / "btf.h5"
         recording = replace(request, effects=EFFECTS, bounces=BOUNCES).recording()

@@ -59,6 +59,13 @@ BRDF_METRICS: dict[str, Metric] = {
     "log_psnr": Metric("log-PSNR", "dB", False, "peak 1e4, floor 1e-5"),
 }
 
+BTF_METRICS: dict[str, Metric] = {
+    "delta_e": Metric("CIE ΔE 1976", "ΔE", True, "mean over texels, π f shown as sRGB"),
+    "log_error": BRDF_METRICS["log_error"],
+    "average_error": Metric("error of the average", "%", True, "of the images' means, median"),
+    "rmse": Metric("RMSE", "1/sr", True, "over texels"),
+}
+
 # kinds of cost by name, and their keys in the rows of results
 COSTS: dict[str, str] = {
     "samples": "samples",

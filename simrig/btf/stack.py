@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class BtfStack(Shown):
     size_mm: tuple[float, float]
     name: str = "btf"
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    reciprocal: ClassVar[bool] = False  # what structure hides from the view is not what it shades
 
     def __post_init__(self) -> None:
         shape = tuple(self.values.shape)

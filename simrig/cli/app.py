@@ -99,6 +99,7 @@ _BTF: Commands = {
     "info": btf_files.info,
     "convert": btf_files.convert,
     "fill": btf_files.fill,
+    "factor": btf_files.factor,
     "average": btf_files.average,
     "from-slices": btf_files.from_slices,
     "sequence": btf_varying.sequence,
@@ -146,7 +147,7 @@ _EXPERIMENT: Commands = {
 }
 _GROUPS: dict[str, tuple[str, Commands]] = {
     "study": ("Published tables and figures beside ours.", _STUDY),
-    "btf": ("BTFs: measure, look at, convert, fill, average.", _BTF),
+    "btf": ("BTFs: measure, look at, convert, fill, factor, average.", _BTF),
     "database": ("BRDFs known before: the virtual database, or your own.", _DATABASE),
     "reflector": ("An ellipsoidal mirror: anisotropy in one picture, swept subspaces.", _REFLECTOR),
     "experiment": ("Ask people on the web from where on structure cannot be seen.", _EXPERIMENT),

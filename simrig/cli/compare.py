@@ -52,7 +52,7 @@ def compare(
     ] = False,
     overwrite: Overwrite = False,
 ) -> frame.Report:
-    """Compare two pictures (EXR, HDR, PNG, JPEG, PFM) or two materials by every metric.
+    """Compare two pictures (EXR, HDR, PNG, JPEG, PFM), two materials or two BTFs by every metric.
 
     A difference image shows white where the pictures agree; its scale is part of the result.
     Negative values of pictures count as 0; how many pixels have them is part of it too.
@@ -62,7 +62,7 @@ def compare(
     from simrig.evaluation.metrics.comparison import Comparison
     from simrig.files.load import load_material
     from simrig.files.pictures import read_picture
-    from simrig.front_door.comparing import are_pictures
+    from simrig.front_door.comparing import are_btfs, are_pictures
     from simrig.front_door.comparing import compare as compared
 
     options: dict[str, Any] = {
@@ -83,7 +83,7 @@ def compare(
         load_material(name) if as_materials else name if of is None else read_picture(name, of)
         for name, of in zip(names, layers, strict=True)
     ]
-    pictures = are_pictures(*items)
+    pictures = not are_btfs(*items) and are_pictures(*items)
     if not pictures:
         frame.refuse_unused("materials have no foreground", "foreground")
     if difference is not None and not pictures:

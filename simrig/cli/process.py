@@ -22,6 +22,7 @@ _Picture = Annotated[Path, typer.Argument(help=".npy, .npz, .exr, .tif, .png, ..
 _Output = Annotated[Path, typer.Option(help="Ends in .npz, .npy, .exr or .tif.")]
 _Pattern = Annotated[str | None, typer.Option(help="Colour filters: RGGB, BGGR, GRBG, GBRG.")]
 _Dark = Annotated[Path | None, typer.Option(help="A picture without light.")]
+_CLIPPED = 1e-3  # share of a frame's pixels that are as bright as can be
 _Corners = Annotated[
     str | None, typer.Option(help="Pixels, clockwise from the top left: '10,12 500,14 ...'.")
 ]
@@ -34,12 +35,13 @@ def merge(
     gain: Annotated[float, typer.Option(help="K, DN per electron.")] = 1.0,
     black: Annotated[float, typer.Option(help="Level without light, DN.")] = 0.0,
     read_noise: Annotated[float, typer.Option(help="Dark noise, electrons.")] = 0.0,
-    saturation: Annotated[float | None, typer.Option(help="DN; 65535 else, or 255.")] = None,
+    saturation: Annotated[
+        float | None, typer.Option(help="DN; 255 or 65535 of 8 or 16 bits.")
+    ] = None,
     dark: _Dark = None,
     overwrite: Overwrite = False,
 ) -> frame.Report:
     """Merge raw exposures as precisely as can be; .npz holds value, uncertainty and saturated."""
-    import numpy as np
 
     from simrig.imaging.merging import SensorModel
     from simrig.imaging.merging import merge as merged
@@ -47,8 +49,7 @@ def merge(
     frames = [_read(file) for file in files]
     stack: Any = frames[0] if len(frames) == 1 and frames[0].ndim == 3 else frames
     times = numbers_of(exposures, "exposure times", float)
-    eight_bits = all(f.dtype == np.uint8 for f in frames)
-    clips = saturation if saturation is not None else (255.0 if eight_bits else 65535.0)
+    clips = _full_scale(frames) if saturation is None else saturation
     sensor = SensorModel(gain, black, read_noise, clips)
     level = None if dark is None else _read(dark)
     with output_file(output, overwrite):
@@ -58,6 +59,10 @@ def merge(
     notes = []
     if share:
         notes.append(f"{100.0 * share:.2g} % of the pixels are clipped in every frame")
+    top = max(frame.max() for frame in frames)
+    alike = max(float((frame == top).mean()) for frame in frames)
+    if saturation is None and top < clips and alike > _CLIPPED:
+        notes.append(f"{100.0 * alike:.2g} % of a frame are {top}: if it clips there, --saturation")
     if made.disagreeing > 1e-4:
         notes.append(
             f"{100.0 * made.disagreeing:.2g} % of the pixels have frames that contradict each "
@@ -65,6 +70,24 @@ def merge(
         )
     about = {"frames": len(times), "saturated": share, "disagreeing": made.disagreeing}
     return _report(output, made.value, about, notes)
+
+
+def _full_scale(frames: list[np.ndarray]) -> float:
+    """Return the largest number of frames of one type.
+
+    Raises:
+        SimrigError: frames of several types, or of one that has no largest number.
+    """
+    types = sorted({str(frame.dtype) for frame in frames})
+    known = {"uint8": 255.0, "uint16": 65535.0}
+    if len(types) > 1 and set(types) & set(known):
+        raise SimrigError(
+            f"the frames are {' and '.join(types)}, but one sensor gives one type: scale them to "
+            "the same, and say --saturation"
+        )
+    if types[0] not in known:
+        raise SimrigError(f"frames of {types[0]} do not say where they clip: give --saturation")
+    return known[types[0]]
 
 
 def defects(

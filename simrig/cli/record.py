@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from simrig.rigs.imaging.recorder import Recording
-    from simrig.rigs.imaging.request import Request
 
 
 def declarers() -> Declarers:
@@ -70,7 +69,7 @@ def record(
     """
     from simrig.core.effects import Overrides
     from simrig.plans.registry import PLANS, implied_plan, make_plan
-    from simrig.rigs.imaging.request import planned, request_of
+    from simrig.rigs.imaging.request import material_of, planned, request_of
     from simrig.rigs.registry import find_description
 
     if ideal and effects.given:
@@ -82,13 +81,14 @@ def record(
             raise SimrigError(f"'{description.instrument.name}' has no lenses: leave out --lens-mm")
         description = description.with_lens(lens_mm)
     wishes = given_options(context, PLANS.values())
-    made = make_plan(plan or implied_plan(wishes, "scheme"), None, **wishes)
+    truth = material_of(material, seed)
+    made = make_plan(plan or implied_plan(wishes, "scheme"), truth, **wishes)
     if films(description, made):
         refuse_of_films(pixels=pixels, lens_mm=lens_mm, workers=workers, scheduler=scheduler)
         own = None if ideal else effects
         size = {"sample_mm": sample_mm, "spp": spp, "seed": seed}
         return record_film(material, description, made, output, own, **size)
-    request, truth = request_of(
+    request = request_of(
         material,
         description,
         made,
@@ -105,15 +105,19 @@ def record(
     recording = request.recording()
     frame.on_interrupt(f"the same command goes on from the pictures in '{output}'")
     with frame.progress(f"recording {truth.name}") as report:
-        recording.run(output, report, spread and partial(_spread, spread, request, output))
+        config = {
+            "folder": str(output.absolute()),
+            "request": request.as_text(),
+            "fingerprint": recording.about()["fingerprint"],
+        }
+        recording.run(output, report, spread and partial(_spread, spread, config))
     return _report(output, recording, chosen)
 
 
-def _spread(spread: Any, request: Request, output: Path, parts: list[np.ndarray]) -> Iterator[int]:
+def _spread(spread: Any, config: dict[str, Any], parts: list[np.ndarray]) -> Iterator[int]:
     """Give portions to processes, which write side by side; yield how many poses were taken."""
     from simrig.rigs.imaging.request import record_cell
 
-    config = {"folder": str(output.absolute()), "request": request.as_text()}
     for rows in spread(record_cell, config, [{"numbers": part.tolist()} for part in parts]):
         yield sum(row["poses"] for row in rows)
 

@@ -32,7 +32,7 @@ def render(
     output: Annotated[Path, typer.Option(help="The picture: .exr (linear RGB) or .png (sRGB).")],
     material: Annotated[
         str | None,
-        typer.Option(help="A built-in material or a material file, for a built-in scene."),
+        typer.Option(help="A built-in material, a material file or a BTF, for a built-in scene."),
     ] = None,
     scene: Annotated[
         str, typer.Option(help="See 'simrig materials', or a Mitsuba scene (.xml).")
@@ -58,6 +58,9 @@ def render(
         int | None, typer.Option(min=1, help="Directional lights of the environment (256).")
     ] = None,
     rotation: Annotated[float, typer.Option(help="Degrees about the surface normal.")] = 0.0,
+    scale_mm: Annotated[
+        float | None, typer.Option(help="Of a BTF: mm of it along u (around a sphere once).")
+    ] = None,
     exposure: Exposure = None,
     budget: effect_options.Budget = None,
     verify: Annotated[
@@ -105,6 +108,7 @@ def render(
             "environment": environment,
             "lights": lights,
             "rotation": rotation or None,
+            "scale_mm": scale_mm,
         }
         options = {key: value for key, value in options.items() if value is not None}
         subject, about = _subject(scene, material, options, define, scale)
@@ -167,8 +171,7 @@ def _subject(
     variant), or the path of a scene file.
     """
     from simrig.cli.scene_argument import for_files, is_scene_file, scene_file
-    from simrig.files.load import load_material
-    from simrig.plugins import make_bsdf
+    from simrig.front_door.pictures import bsdf_of, looked_up
     from simrig.rendering.environment import BUILTIN, described_lights
     from simrig.scenes import build_scene
 
@@ -186,10 +189,10 @@ def _subject(
     if source is not None or "lights" in options:
         made = described_lights(source or BUILTIN, options.get("lights", 256))
         options["lights"], about["environment"] = made
-    brdf = load_material(material)
+    look_up, scale_mm = looked_up(material), options.pop("scale_mm", None)
 
     def build() -> dict[str, Any]:
-        return build_scene(scene, make_bsdf(brdf, rotation), **options)
+        return build_scene(scene, bsdf_of(look_up, rotation, scale_mm), **options)
 
     return build, about
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,6 +53,7 @@ class RecordedPictures:
     Attributes:
         about: what ``recording.json`` says; ``sample``, ``sensor`` and ``calibrated``
             are parts of it.
+        digest: of ``recording.json``, which tells recordings apart.
         effects: names of those that were simulated.
         poses: files of the poses that are there.
 
@@ -62,11 +64,19 @@ class RecordedPictures:
     def __init__(self, folder: str | Path):
         self.folder = Path(folder)
         self.about = read_about(folder)
+        self.digest = hashlib.sha256((self.folder / NAME).read_bytes()).hexdigest()[:16]
         self.sample, self.sensor = self.about["sample"], self.about["sensor"]
         self.calibrated = self.about.get("calibration", {})
         self.effects = {name for name, on in self.about.get("effects", {}).items() if on}
         poses = (self.folder / "poses").glob("*.npz")
         self.poses = sorted(path for path in poses if not is_temporary(path))
+
+    def state(self) -> str:
+        """Return a text that changes where the folder holds another recording."""
+        files = [self.folder / NAME, *sorted((self.folder / "calibration").glob("*.npz"))]
+        found = [(path.name, path.stat()) for path in files]
+        said = [f"{name} {stat.st_mtime_ns} {stat.st_size}" for name, stat in found]
+        return ", ".join([*said, f"{len(self.poses)} poses"])
 
     def check_whole(self) -> None:
         """Raise SimrigError where poses are still to be recorded."""

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
 from simrig.directions.schemes import LARGEST_THETA_DEG
+from simrig.evaluation.metrics.btfs import BtfComparison, compare_btfs
 from simrig.evaluation.metrics.comparison import (
     BrdfComparison,
     Comparison,
@@ -18,9 +20,11 @@ from simrig.evaluation.metrics.comparison import (
     compare_images,
 )
 from simrig.evaluation.metrics.images import foreground_mask
+from simrig.files.btf.hdf5 import CONTENT as BTF
+from simrig.files.hdf5 import content_of
 from simrig.files.pictures import Picture, as_image, names_picture, picture_format, read_picture
 from simrig.files.utia import states_layout
-from simrig.front_door.materials import as_brdf
+from simrig.front_door.materials import as_brdf, load
 
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
@@ -70,14 +74,15 @@ def compare(
     exposure: float | None = None,
     foreground: bool | None = None,
     difference_scale: float | None = None,
-) -> Comparison | BrdfComparison:
-    """Compare two materials, or two pictures, by every metric.
+) -> Comparison | BrdfComparison | BtfComparison:
+    """Compare two materials, two BTFs, or two pictures, by every metric.
 
     Args:
         reference: the truth: a BRDF, its name or its file; or a picture: what ``render`` returned,
             linear RGB of shape (height, width, 3), or a file (EXR, HDR, PNG, JPEG, PFM). What a
             file is, is told by its content; an OpenEXR file that may be a table of UTIA's layout
-            is a picture beside a picture, and a material beside a material.
+            is a picture beside a picture, and a material beside a material. BTFs are compared
+            image by image, and have no options.
         other: what is compared with it, of the same kind.
         step_deg: of materials: degrees between directions of the grid (2).
         theta_max_deg: of materials: the largest polar angle of the grid, in degrees; the last
@@ -107,6 +112,11 @@ def compare(
         "foreground": foreground,
         "difference_scale": difference_scale,
     }
+    if are_btfs(reference, other):
+        _options(given, {}, "BTFs")
+        return compare_btfs(
+            *(o if isinstance(o, BtfStack) else load(o) for o in (reference, other))
+        )
     if are_pictures(reference, other):
         options = _options(given, _OF_PICTURES, "pictures")
         return _pictures(_named(reference, "the reference"), _named(other, "the other"), **options)
@@ -114,6 +124,17 @@ def compare(
     if options["theta_max_deg"] is None:
         options["theta_max_deg"] = _last_step(options["step_deg"])
     return compare_brdfs(as_brdf(reference), as_brdf(other), **options)
+
+
+def are_btfs(reference: Any, other: Any) -> bool:
+    """Return whether both are BTFs, or files of BTFs."""
+    return all(_is_btf(item) for item in (reference, other))
+
+
+def _is_btf(item: Any) -> bool:
+    if isinstance(item, str | Path):
+        return Path(item).suffix == ".h5" and Path(item).is_file() and content_of(item) == BTF
+    return isinstance(item, BtfStack)
 
 
 def are_pictures(reference: Any, other: Any) -> bool:

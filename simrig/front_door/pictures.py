@@ -52,20 +52,32 @@ def scene(
     if not isinstance(rotation, int | float) or not math.isfinite(rotation):
         raise SimrigError(f"rotation is a finite number of degrees, got {rotation!r}")
     if isinstance(material, Mapping) and "type" not in material:
-        made: Any = {part: _bsdf(one, rotation, scale) for part, one in material.items()}
+        made: Any = {part: bsdf_of(one, rotation, scale) for part, one in material.items()}
     elif isinstance(material, Sequence) and not isinstance(material, str):
-        made = [_bsdf(one, rotation, scale) for one in material]
+        made = [bsdf_of(one, rotation, scale) for one in material]
     else:
-        made = _bsdf(material, rotation, scale)
+        made = bsdf_of(material, rotation, scale)
     return build_scene(name, made, **_with_environment(name, settings))
 
 
-def _bsdf(material: Any, rotation: float, scale: float | None) -> Any:
-    """Return a material as a BSDF of the current variant."""
+def looked_up(material: Any) -> Any:
+    """Return a material, its name or its file as what pictures look up; a stack in full."""
     if isinstance(material, str | Path):
         material = load(material)
-    if isinstance(material, BtfStack):
-        material = FullBtf.from_stack(material)
+    return FullBtf.from_stack(material) if isinstance(material, BtfStack) else material
+
+
+def bsdf_of(material: Any, rotation: float, scale: float | None) -> Any:
+    """Return a material as a BSDF of the current variant.
+
+    Args:
+        material: what ``looked_up`` takes.
+        rotation, scale: see ``scene``.
+
+    Raises:
+        SimrigError: a BTF without a scale, or a scale of anything else.
+    """
+    material = looked_up(material)
     if isinstance(material, SpatialBrdf):
         if scale is None:
             raise SimrigError(

@@ -65,7 +65,8 @@ class SensorModel:
 
         Args:
             about: ``bits``, ``black_DN``, ``K_DN_e``, ``sigma_d_e`` and, where the well is full
-                before the converter is, ``mu_sat_e``; ``mu_I_e_s`` is the dark current.
+                before the converter is, ``mu_sat_e`` with ``DSNU_e``; ``mu_I_e_s`` is the dark
+                current.
 
         Raises:
             SimrigError: one that is missing, or cannot be.
@@ -75,13 +76,14 @@ class SensorModel:
             raise SimrigError(f"the sensor lacks {', '.join(missing)}")
         numbers = {
             key: finite_number(about[key], f"the sensor's {key}", least=0.0)
-            for key in ("bits", "black_DN", "K_DN_e", "sigma_d_e", "mu_sat_e", "mu_I_e_s")
+            for key in ("bits", "black_DN", "K_DN_e", "sigma_d_e", "mu_sat_e", "mu_I_e_s", "DSNU_e")
             if about.get(key) is not None
         }
         gain, black = numbers["K_DN_e"], numbers["black_DN"]
         noise = numbers["sigma_d_e"]
-        # read noise comes after a full well, so what is full may read as less
-        full = black + gain * (numbers.get("mu_sat_e", np.inf) - _FAR * noise) - 1.0
+        # read noise and DSNU come after a full well, so what is full may read as less
+        spread = _FAR * float(np.hypot(noise, numbers.get("DSNU_e", 0.0)))
+        full = black + gain * (numbers.get("mu_sat_e", np.inf) - spread) - 1.0
         clips = min(2.0 ** numbers["bits"] - 1.0, full)
         return cls(gain, black, noise, clips, numbers.get("mu_I_e_s", 0.0))
 

@@ -76,7 +76,7 @@ class Axis(Part):
     range_deg: Annotated[
         list[float], Field(min_length=2, max_length=2), AfterValidator(_checked_range)
     ]
-    repeatability_deg: NotNegative = _ZERO
+    repeatability_deg: Annotated[Quantity, between(0.0, 10.0)] = _ZERO
     offset_deg: Annotated[Quantity, between(-10.0, 10.0)] = _ZERO
     coupled_to: Literal["theta_i", "theta_v", "phi_i", "phi_v"] | None = None
     ratio: Annotated[Quantity, between(-10.0, 10.0)] = Quantity(value=1.0)
@@ -142,7 +142,8 @@ class Pictured(Arm):
             unless given.
         mu_I_e_s: dark current in electrons per second.
         DSNU_e, PRNU_pct: spread of the pixels' dark signal, and of their response in per cent.
-        defects: share of the pixels that see nothing or are always full.
+        defects: share of the pixels that see nothing or are always full; more than a tenth cannot
+            be filled from those around them.
         exposures_s: shortest and longest.
     """
 
@@ -154,7 +155,7 @@ class Pictured(Arm):
     mu_I_e_s: NotNegative = _ZERO
     DSNU_e: NotNegative = _ZERO
     PRNU_pct: Annotated[Quantity, between(0.0, 100.0)] = _ZERO
-    defects: Share = _ZERO
+    defects: Annotated[Quantity, between(0.0, 0.1)] = _ZERO
     exposures_s: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
 
 
@@ -223,7 +224,7 @@ class Light(Arm):
     distance_mm: Positive
     diameter_mm: NotNegative = _ZERO
     non_uniformity: NotNegative = _ZERO
-    stray: NotNegative = _ZERO
+    stray: Share = _ZERO
     levels: Annotated[list[float], AfterValidator(_up_to_one)] = Field(default=[1.0], min_length=1)
     beam_deg: Annotated[Quantity, between(0.1, 89.0)] | None = None
     drift_pct_h: Annotated[Quantity, between(-100.0, 100.0)] = _ZERO
@@ -297,7 +298,7 @@ class PolarCamera(Pictured):
 
     distance_mm: Positive
     theta_deg: Fixed
-    repeatability_deg: NotNegative = _ZERO
+    repeatability_deg: Annotated[Quantity, between(0.0, 10.0)] = _ZERO
     bits: Annotated[int, Field(ge=1, le=32)] | None = None
     mu_sat_e: AtLeastOne | None = None
     sigma_d_e: NotNegative | None = None
@@ -312,7 +313,7 @@ class PolarLight(Light):
     """
 
     theta_deg: Fixed
-    repeatability_deg: NotNegative = _ZERO
+    repeatability_deg: Annotated[Quantity, between(0.0, 10.0)] = _ZERO
 
 
 class Coupling(Part):
@@ -341,7 +342,7 @@ class Dome(Part):
     ]
     camera_mm: Positive
     light_mm: Positive
-    placement_deg: NotNegative = _ZERO
+    placement_deg: Annotated[Quantity, between(0.0, 10.0)] = _ZERO
 
 
 class Ellipsoid(Part):

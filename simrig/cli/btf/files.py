@@ -13,6 +13,8 @@ from simrig.cli.outputs import output_file, output_folder
 from simrig.core.cost import stopwatch
 from simrig.core.errors import SimrigError
 
+_ALL_COMPONENTS = 1e-6  # an error below which none is left out
+
 _File = Annotated[Path, typer.Argument(help="A BTF written by simrig (.h5).")]
 
 
@@ -102,6 +104,48 @@ def fill(
         {**described(output), "filled": filled},
         [f"{output}: {len(stack):,} images of {stack.name} and {len(filled):,} blended:", *filled],
     )
+
+
+def factor(
+    file: _File,
+    output: Annotated[Path, typer.Argument(help="The factors (.h5), as simrig_btf renders them.")],
+    tolerance: Annotated[
+        float | None, typer.Option(help="Error over that of the mean image alone; 0.2 else.")
+    ] = None,
+    components: Annotated[
+        int | None, typer.Option(min=1, help="Of a view, in eights; 64 at most, and unless given.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> frame.Report:
+    """Keep the principal images of each view (PCA): as many as asked for, or as an error takes."""
+    from simrig.btf.factored import MOST_COMPONENTS, TOLERANCE, FactoredBtf
+    from simrig.files.btf.hdf5 import read_btf
+    from simrig.files.hdf5 import write_brdf
+
+    stack = read_btf(file)
+    if components is not None and components > MOST_COMPONENTS:
+        raise SimrigError(f"a view has at most {MOST_COMPONENTS} components, got {components}")
+    every = _ALL_COMPONENTS if components is not None else TOLERANCE
+    with output_file(output, overwrite):
+        factors = FactoredBtf.from_stack(
+            stack,
+            tolerance=every if tolerance is None else tolerance,
+            components=components or MOST_COMPONENTS,
+        )
+        write_brdf(output, factors)
+    about = {
+        "output": output,
+        "components": factors.components,
+        "error": factors.error,
+        "bytes": factors.device_bytes,
+        "bytes_of_images": stack.nbytes,
+    }
+    shown = (
+        f"{output}: {factors.components} components of each view, an error of "
+        f"{100.0 * factors.error:.2g} % of that of the mean image, {mega(factors.device_bytes)} "
+        f"for {mega(stack.nbytes)} of images"
+    )
+    return frame.Report(about, [shown])
 
 
 def average(

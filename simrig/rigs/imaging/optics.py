@@ -25,6 +25,8 @@ from simrig.rigs.imaging.sensor import Sensor
 _AROUND = 1.04  # of the frame's picture, so that its edges are seen
 _FILLS = 0.05  # EV by which exposures and levels may miss the stated range
 _MOST_PIXELS = 1 << 26
+_MOST_BENT = 0.5  # of the picture's half side, by which a lens may bend
+_MOST_BLUR = 0.25  # of the sensor's shorter side
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +114,7 @@ class Optics:
             camera.cfa,
             seed,
         )
+        _check_sensor(d, sensor)
         moves = kinematics_of(description).of_sample(0.5 * side)
         return cls(d, moves, sensor, side, frame)
 
@@ -160,6 +163,11 @@ class Optics:
         if not np.all(np.abs(bent - flat) * matrix[0, 0] < 0.01):  # also of NaN
             raise SimrigError(
                 "the lens's distortion folds the picture over: lower k1 to k3, p1 and p2"
+            )
+        if np.abs(found - flat).max() > _MOST_BENT * np.abs(flat).max():
+            raise SimrigError(
+                "the lens's distortion moves pixels by more than half the picture: k1 to k3, p1 "
+                "and p2 are those of OpenCV, for x and y over depth"
             )
         return found.reshape(straight.shape)
 
@@ -308,6 +316,28 @@ def _filling_gain(d: GonioreflectometerDescription) -> float:
             f"black_DN of {d.camera.black_DN.value:g} leaves no room in {d.camera.bits} bits"
         )
     return float(room / d.camera.mu_sat_e.value)
+
+
+def _check_sensor(d: GonioreflectometerDescription, sensor: Sensor) -> None:
+    """Refuse a sensor whose dark signal is as large as its well, and a lens that shows nothing."""
+    assert d.camera.pixels and d.camera.pitch_um and d.camera.exposures_s
+    spread = float(np.hypot(sensor.sigma_d_e, sensor.DSNU_e))
+    dark = sensor.mu_I_e_s * d.camera.exposures_s[0].value
+    for name, level, share in (
+        ("sigma_d_e and DSNU_e", spread, 0.1),
+        ("mu_I_e_s over the shortest exposure", dark, 0.5),
+    ):
+        if level > share * sensor.saturation_e:
+            raise SimrigError(
+                f"{name} in [camera]: {level:.3g} electrons of {sensor.saturation_e:.3g} that a "
+                "pixel holds leave no room for light: they are in electrons"
+            )
+    wide = d.lens.psf_um.value / d.camera.pitch_um.value
+    if wide > _MOST_BLUR * min(d.camera.pixels):
+        raise SimrigError(
+            f"psf_um in [lens]: a point is {wide:.3g} pixels wide, more than a quarter of the "
+            "sensor: it is in micrometres"
+        )
 
 
 def _check_exposures(d: GonioreflectometerDescription) -> None:

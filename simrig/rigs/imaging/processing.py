@@ -65,7 +65,8 @@ def process_recording(
     angles, cameras = chain.stated()
     surface, about = _surface(chain, angles)
     provenance = {
-        "recording": {key: recording.about.get(key) for key in ("material", "plan", "seed")},
+        "recording": {key: recording.about.get(key) for key in ("material", "plan", "seed")}
+        | {"digest": recording.digest},
         "settings": dict(vars(chosen)),
         "plane": about,
     }
@@ -76,6 +77,7 @@ def process_recording(
             raise SimrigError(f"cannot write '{pictures}': {error.strerror}") from error
     config = {
         "folder": str(recording.folder.absolute()),
+        "state": recording.state(),
         "settings": dict(vars(chosen)),
         "plane": surface.numbers.tolist(),
         "pictures": None if pictures is None else str(Path(pictures).absolute()),
@@ -139,10 +141,10 @@ def process_cell(config: Mapping[str, Any], cell: Mapping[str, Any]) -> list[dic
     """Process some poses that follow each other from one place, perhaps in a worker.
 
     Args:
-        config: ``folder`` of the recording, ``settings``, ``plane``, ``pictures``.
+        config: ``folder`` of the recording, its ``state``, ``settings``, ``plane``, ``pictures``.
         cell: ``numbers`` of the poses, and ``seen_in`` which to look for the frame.
     """
-    chain = _chain(config["folder"], tuple(sorted(config["settings"].items())))
+    chain = _chain(config["folder"], config["state"], tuple(sorted(config["settings"].items())))
     plane, rows = Plane(*config["plane"]), []
     for number, image, marked in chain.images(cell["numbers"], cell["seen_in"], plane):
         if config["pictures"] is not None:
@@ -159,7 +161,8 @@ def process_cell(config: Mapping[str, Any], cell: Mapping[str, Any]) -> list[dic
 
 
 @lru_cache(maxsize=1)
-def _chain(folder: str, settings: tuple[tuple[str, Any], ...]) -> Chain:
+def _chain(folder: str, state: str, settings: tuple[tuple[str, Any], ...]) -> Chain:
+    """Return the stages of a recording in this state; a worker lives on, and may get another."""
     return Chain(RecordedPictures(folder), Settings(**dict(settings)))
 
 
@@ -168,7 +171,6 @@ def _here(
     config: Mapping[str, Any],
     cells: Sequence[Mapping[str, Any]],
 ) -> Iterator[list[dict[str, Any]]]:
-    _chain.cache_clear()  # the folder may hold another recording by now
     for cell in cells:
         yield work(config, cell)
 

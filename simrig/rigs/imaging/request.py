@@ -84,10 +84,8 @@ class Request:
         return Recording(camera, angles, self.plan, self.not_reached or {})
 
 
-def request_of(
-    material: str, description: Description, plan: Plan, **wishes: Any
-) -> tuple[Request, Any]:
-    """Return a request, without effects, for the poses of a plan that are reached; the material.
+def request_of(material: str, description: Description, plan: Plan, **wishes: Any) -> Request:
+    """Return a request, without effects, for the poses of a plan that are reached.
 
     Poses are taken view by view; what an arm hides or an axis does not reach is left out and
     counted.
@@ -117,8 +115,7 @@ def request_of(
         raise SimrigError(f"none of the {missed.total()} poses is reached: {reasons}")
     angles = angles[view_order(angles)]
     listed = tuple(tuple(float(a) for a in row) for row in angles)
-    made = replace(request, angles=listed, not_reached=dict(missed))
-    return made, material_of(material, made.seed)
+    return replace(request, angles=listed, not_reached=dict(missed))
 
 
 def planned(
@@ -166,17 +163,25 @@ def record_cell(config: Mapping[str, Any], cell: Mapping[str, Any]) -> list[dict
     """Record some poses of one view in a worker.
 
     Args:
-        config: ``folder``, which all workers reach under this name, and ``request`` as text.
+        config: ``folder``, which all workers reach under this name, ``request`` as text, and the
+            ``fingerprint`` of its material.
         cell: ``numbers`` of the poses.
+
+    Raises:
+        SimrigError: the material is another one here.
     """
-    recording = _made(config["request"])
+    recording = _made(config["request"], config["fingerprint"])
     return [{"poses": recording.take(Path(config["folder"]), np.array(cell["numbers"]))}]
 
 
-@lru_cache(maxsize=2)
-def _made(text: str) -> Recording:
+@lru_cache(maxsize=1)
+def _made(text: str, fingerprint: str) -> Recording:
+    """Return a recording; a worker lives on, and its material's file may hold another by then."""
     said = json.loads(text)
     said["angles"] = tuple(tuple(row) for row in said["angles"])
     for name in ("pixels", "effects"):
         said[name] = None if said[name] is None else tuple(said[name])
-    return Request(**said).recording()
+    made = Request(**said).recording()
+    if made.about()["fingerprint"] != fingerprint:
+        raise SimrigError(f"'{said['material']}' is another material for this worker: share it")
+    return made
