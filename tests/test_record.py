@@ -39,6 +39,7 @@ ANGLES = np.radians(
     [[30, 20, 0, 40], [30, 20, 10, 40], [60, 20, 90, 40], [40, 70, 5, 300], [85, 85, 5, 200.0]]
 )
 SATIN = kurt_material("yellow_satin")
+NOISE = ("photon-noise", "dark-noise", "quantisation")
 
 
 def camera(material: Any = SATIN, effects: tuple[str, ...] = EFFECT_NAMES, **more: Any) -> Camera:
@@ -165,7 +166,7 @@ def test_values_of_the_imaging_level() -> None:
         assert np.median(np.abs(found.values / truth - 1.0)) < 1e-5
         assert np.percentile(np.abs(found.values / truth - 1.0), 95) < 1e-4
         assert found.uncertainty is None
-    noisy = replace(ideal, effects=("photon-noise", "dark-noise", "quantisation"))
+    noisy = replace(ideal, effects=NOISE)
     found = noisy.record(Lambert((0.5, 0.3, 0.1)), angles)
     pull = (found.values - at(Lambert((0.5, 0.3, 0.1)), angles)) / found.uncertainty
     assert pull.std() == pytest.approx(1.0, abs=0.17)  # 180 numbers: three standard errors
@@ -202,6 +203,31 @@ def test_bounds_hold() -> None:
             continue
         change = replace(rig, effects=(decision.effect,)).record(SATIN, angles).values - ideal
         assert np.abs(change).sum() / ideal.sum() <= decision.bound.value + 2e-6, decision.effect
+
+
+def test_bounds_of_a_bad_lens_and_of_axes_under_a_diffuser_hold() -> None:
+    angles = np.radians(np.random.default_rng(8).uniform([5, 5, 0, 0], [80, 75, 360, 360], (24, 4)))
+    table = UTIA.model_dump(mode="json", exclude_none=True)
+    table["lens"]["distortion"] = [{"value": k} for k in (5e3, 0.0, 0.01, -0.01, 0.0)]
+    rig = ImagingRig.from_description(described(table), spot_mm=10.0, transparent=True)  # type: ignore[arg-type]
+    for material, effect in ((SATIN, "distortion"), (Lambert(), "positioning")):
+        planned = rig.planned(material, Directions(angles), Tolerance("relative", 1e-9))
+        bounds = {d.effect: d.bound for d in planned.effect_plan.effects}  # type: ignore[union-attr]
+        ideal, real = (
+            replace(rig, effects=on).record(material, angles).values for on in ((), (effect,))
+        )
+        change = np.abs(real - ideal).sum() / ideal.sum()
+        assert 1e-8 < change <= bounds[effect].value < 0.05, (effect, change, bounds[effect])  # type: ignore[union-attr]
+
+
+def test_the_stated_uncertainty_holds_positioning_and_stray_light() -> None:
+    angles = np.radians(np.random.default_rng(9).uniform([5, 5, 0, 0], [80, 80, 360, 360], (60, 4)))
+    rig = ImagingRig.from_description(UTIA, spot_mm=1.0, transparent=True)  # type: ignore[arg-type]
+    for effects in (("positioning",), ("stray-light",), ("positioning", "stray-light", *NOISE)):
+        for material in (SATIN, Lambert((0.5, 0.3, 0.1))):
+            found = replace(rig, effects=effects).record(material, angles)
+            pull = np.abs(found.values - at(material, angles)) / found.uncertainty
+            assert np.mean(pull < 2.0) > 0.9 and pull.max() < 5.0, (effects, material.name)
 
 
 @pytest.mark.usefixtures("in_empty_folder")
@@ -311,3 +337,32 @@ def test_domes_and_gantries_record_what_is_processed(instrument, pairs, tmp_path
     for angles, image in zip(stack.angles, stack.values[:].astype(float), strict=True):
         truth = at(material, angles[None])[0]
         assert image[7:9, 7:9].mean(axis=(0, 1)) == pytest.approx(truth, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value", "said"),
+    [
+        ("camera", "mu_I_e_s", 1e12, "mu_I_e_s over the shortest exposure"),
+        ("camera", "sigma_d_e", 2e4, "leave no room for light"),
+        ("camera", "defects", 1, "from 0 to 0.1"),
+        ("camera", "pitch_um", 1e-9, "a point is"),
+        ("lens", "distortion", [1e12, 0, 0, 0, 0], "more than half the picture"),
+        ("light", "stray", 1e12, "from 0 to 1"),
+    ],
+)
+def test_numbers_in_other_units_are_refused(table: str, key: str, value: Any, said: str) -> None:
+    made = UTIA.model_dump(mode="json", exclude_none=True)
+    made[table][key] = value
+    refused(said, lambda: Optics.of(described(made), 5.0, (90, 80)).looks(True))
+
+
+def test_a_full_pixel_is_told_whatever_its_dark_signal() -> None:
+    """DSNU comes behind the well: what is full may read as less than the clipping level."""
+    from simrig.imaging.merging import SensorModel, merge
+    from simrig.rigs.imaging.sensor import Sensor
+
+    sensor = Sensor((64, 64), 14, 64.0, 0.5, 0.0, 30000.0, DSNU_e=6.0)
+    rate = np.full((64, 64), 29000.0)
+    frames = [sensor.expose(rate, t, 0, frame=k) for k, t in enumerate((0.25, 4.0))]
+    merged = merge(np.stack(frames), np.array([0.25, 4.0]), SensorModel.of(sensor.as_dict()))
+    assert merged.value.mean() == pytest.approx(29000.0, rel=2e-3)

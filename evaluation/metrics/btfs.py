@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
@@ -77,7 +78,7 @@ def compare_btfs(reference: BtfStack, other: BtfStack) -> BtfComparison:
         SimrigError: other sizes or resolutions, no pair in common, values that cannot be.
     """
     _check_alike(reference, other)
-    first, second = _in_common(reference.angles, other.angles)
+    first, second = _in_common(reference, other)
     steepest = np.degrees(reference.angles[first, :2].max(axis=1))
     found = np.array([_errors(reference, other, n, m) for n, m in zip(first, second, strict=True)])
     rows = []
@@ -124,21 +125,11 @@ def _check_alike(reference: BtfStack, other: BtfStack) -> None:
         raise SimrigError(f"the BTFs show {said}: they are to be of one part of the surface")
 
 
-def _in_common(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _in_common(reference: BtfStack, other: BtfStack) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers of the pairs that both have, in the order of the first."""
-    names = [_named(angles) for angles in (first, second)]
-    known = {name: number for number, name in enumerate(names[1])}
-    found = [(n, known[name]) for n, name in enumerate(names[0]) if name in known]
-    if not found:
+    places = [np.concatenate(stack.directions, axis=1) for stack in (reference, other)]
+    distance, nearest = cKDTree(places[1]).query(places[0])
+    found = np.flatnonzero(distance < _SAME_ANGLE)
+    if not len(found):
         raise SimrigError("the BTFs have no pair of directions in common")
-    one, other = np.array(found).T
-    return one, other
-
-
-def _named(angles: np.ndarray) -> list[tuple[int, ...]]:
-    """Return directions as whole numbers; at the pole all azimuths are one."""
-    theta, phi = angles[:, :2], np.where(angles[:, :2] > _SAME_ANGLE, angles[:, 2:], 0.0)
-    turn = round(2.0 * np.pi / _SAME_ANGLE)
-    whole = np.rint(np.concatenate([theta, phi], axis=1) / _SAME_ANGLE).astype(int)
-    whole[:, 2:] %= turn
-    return [tuple(row) for row in whole.tolist()]
+    return found, nearest[found]

@@ -127,13 +127,17 @@ def compare(
 
 
 def are_btfs(reference: Any, other: Any) -> bool:
-    """Return whether both are BTFs, or files of BTFs."""
+    """Return whether both are BTFs, or files of BTFs.
+
+    Raises:
+        SimrigError: a file (.h5) that does not exist.
+    """
     return all(_is_btf(item) for item in (reference, other))
 
 
 def _is_btf(item: Any) -> bool:
     if isinstance(item, str | Path):
-        return Path(item).suffix == ".h5" and Path(item).is_file() and content_of(item) == BTF
+        return Path(item).suffix == ".h5" and content_of(item) == BTF
     return isinstance(item, BtfStack)
 
 

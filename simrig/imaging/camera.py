@@ -105,13 +105,20 @@ class Camera:
         flat = np.ptp(marks[:, 2]) == 0.0
         method = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
         shaped = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-        found, turn, shift = cv2.solvePnP(marks, shaped, self.matrix, self.distortion, flags=method)
-        if not found:
+        lens = self.matrix, self.distortion
+        _, turns, shifts, _ = cv2.solvePnPGeneric(marks, shaped, *lens, flags=method)
+        refined = [
+            cv2.solvePnPRefineLM(marks, shaped, *lens, turn, shift, _EXACT)
+            for turn, shift in zip(turns, shifts, strict=True)
+        ]
+        if not refined:
             raise SimrigError("no pose of the camera explains where the marks are seen")
-        turn, shift = cv2.solvePnPRefineLM(
-            marks, shaped, self.matrix, self.distortion, turn, shift, _EXACT
-        )
-        return Camera(self.matrix, self.distortion, _pose(turn, shift))
+
+        def off(pose: tuple[Any, Any]) -> float:  # a plane has two poses that look much alike
+            shown = cv2.projectPoints(marks, *pose, *lens)[0]
+            return float(np.linalg.norm(shown - shaped))
+
+        return Camera(*lens, _pose(*min(refined, key=off)))
 
 
 def calibrate(

@@ -38,6 +38,7 @@ class Directions(ListedPlan):
 
     name: ClassVar[str] = "directions"
     about: ClassVar[str] = "the direction pairs of a file"
+    implied_by: ClassVar[tuple[str, ...]] = ("pairs",)
     options: ClassVar[tuple[Option, ...]] = (
         Option(
             "pairs", str, "A file of theta_i, theta_v, phi_i, phi_v in degrees, one pair a line."
@@ -101,6 +102,7 @@ class SchemePlan(Directions):
 
     name: ClassVar[str] = "scheme"
     about: ClassVar[str] = "all pairs of the directions of a scheme"
+    implied_by: ClassVar[tuple[str, ...]] = ()
     options: ClassVar[tuple[Option, ...]] = (
         Option("scheme", str, "1 to 30, 81x81, 151x151 or a name.", default="81x81"),
         RECIPROCAL,

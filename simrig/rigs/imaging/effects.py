@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,15 @@ from simrig.instruments.instrument import Instrument
 from simrig.rigs.direct import recording
 from simrig.rigs.direct.effects import RIG_EFFECTS, Deviation, RigEffect, RigSubject
 from simrig.rigs.imaging.optics import Optics
+from simrig.rigs.imaging.values import MOST_WEIGHT
 
 _PROBE = 256  # directions at which bounds are computed
 _BLURS = 6.0  # standard deviations beyond which a blurred edge brings nothing
 _DEVIATIONS = 5.0
+_SAFETY = 1.1  # f_r may peak between the points at which it is looked at
+_CROSSING = 64.0  # pixels of the filter array that may cross the rim together, symmetrical ones
+_ROUNDING = 64.0 * float(np.finfo(np.float64).eps)
+_HORIZON = np.radians(89.0)
 _RUNG = np.sqrt(2.0 / 0.8)  # exposures double, and fill 0.8 of the sensor at most
 
 
@@ -110,6 +116,16 @@ def _rim(subject: Subject) -> tuple[np.ndarray, np.ndarray]:
     return points, np.array([d.light.distance_mm.value, 0.0, 0.0])
 
 
+def _positioning(subject: Subject, direct: RigSubject) -> tuple[np.ndarray, str]:
+    """Bound as the direct level does, and what the light's cosine changes, which no one knows."""
+    change, why = _as_direct("positioning")(subject, direct)
+    rig, theta = direct.instrument, direct.angles[:, :1]
+    turn = np.radians(rig.positioning_deg[0] + abs(rig.offset_deg[0]))
+    cosine = np.cos(np.clip(np.concatenate([theta - turn, theta + turn], axis=1), 0.0, np.pi / 2))
+    share = np.abs(cosine / np.cos(np.minimum(theta, _HORIZON)) - 1.0).max(axis=1, keepdims=True)
+    return change + share * (direct.values + change), why
+
+
 def _fall_off(subject: Subject) -> tuple[float, str]:
     factor, _ = subject.optics.irradiance(*_rim(subject), True, False)
     share = float(np.abs(factor - 1.0).max())
@@ -131,6 +147,37 @@ def _vignetting(subject: Subject) -> tuple[float, str]:
     lens = optics.description.lens.vignetting.value * (field / corner) ** 2
     share = float(1.0 - (1.0 - lens) / (1.0 + field**2) ** 2)
     return share, f"pixels at the spot's rim get {100 * share:.2g} % less"
+
+
+def _distortion(subject: Subject, direct: RigSubject) -> tuple[np.ndarray, str]:
+    """Bound what follows where a pixel looks beside where it is taken to look.
+
+    The pixel's place and its calibration agree where the effect is simulated and where it is not,
+    so all that changes are the directions at the points that a value is read from.
+    """
+    optics = subject.optics
+    rim, rays = optics.bent_rim(optics.spot_mm)
+    camera, light = optics.moves.camera_mm, optics.description.light.distance_mm.value
+    theta = np.minimum(direct.angles[:, :2], _HORIZON)
+    beside = np.stack([rays * camera / light / np.cos(theta[:, 1]), np.full(len(theta), rays)], 1)
+    within = np.array([0.5 * optics.spot_mm / light, rim])
+    along = np.maximum(np.sin(theta), np.maximum(beside, within))  # at the pole any azimuth
+    moved = np.concatenate([beside, beside / along], axis=1)
+    place = np.concatenate([np.broadcast_to(within, theta.shape), within / along], axis=1)
+    largest, across = np.zeros_like(direct.values), np.zeros_like(direct.values)
+    for signs in product((-1.0, 0.0, 1.0), repeat=4):
+        for at_rim in (0.0, 1.0):
+            there = direct.angles + at_rim * np.array(signs) * place
+            ends = (recording.within_reach(angles) for angles in (there, there + signs * moved))
+            first, second = (recording.at(direct.brdf, angles) for angles in ends)
+            np.maximum(largest, np.abs(second - first), out=largest)
+            np.maximum(across, np.abs(first - direct.values), out=across)
+    # and pixels that come within the spot's rim or leave it
+    area = np.pi * (rim * optics.intrinsics[0, 0]) ** 2 * np.cos(theta[:, 1])
+    share = 2.0 * rays / rim + _CROSSING / area
+    largest += np.minimum(share, 1.0)[:, None] * across
+    why = f"pixels of the spot look up to {np.degrees(rays):.2g}° beside"
+    return _SAFETY * MOST_WEIGHT * largest + _ROUNDING * direct.values, why
 
 
 def _drift(subject: Subject) -> tuple[float, str]:
@@ -227,13 +274,13 @@ def _blurs(s: Subject) -> bool:
 
 _Row = tuple[str, str, Callable[[Subject], bool], Bounding | None]
 _ROWS: tuple[_Row, ...] = (
-    ("positioning", "axes that stop beside where they should", _moves, _as_direct("positioning")),
+    ("positioning", "axes that stop beside where they should", _moves, _positioning),
     ("light-size", "a light that is no point", _light_has("diameter_mm"), _as_direct("light-size")),
     ("aperture-size", "a lens that is no point: defocus", _always, _as_direct("aperture-size")),
     ("fall-off", "irradiance by distance", _always, _of_all(_fall_off)),
     ("beam-profile", "a beam brighter in its middle", _light_has("beam_deg"), _of_all(_beam)),
     ("vignetting", "cos⁴ and what the lens cuts off", _always, _of_all(_vignetting)),
-    ("distortion", "a lens that bends lines", _distorts, None),
+    ("distortion", "a lens that bends lines", _distorts, _distortion),
     ("blur", "a point that is a disc on the sensor", _blurs, _blur),
     ("stray-light", "light that comes by the room", _light_has("stray"), _as_direct("stray-light")),
     ("drift", "a light that fades or grows", _light_has("drift_pct_h"), _of_all(_drift)),

@@ -171,6 +171,19 @@ class Optics:
             )
         return found.reshape(straight.shape)
 
+    def bent_rim(self, diameter_mm: float) -> tuple[float, float]:
+        """Return how far off the axis the rim of a spot is seen, and how far the lens bends there.
+
+        Both in radians, for a spot that faces the camera and the pixels around it.
+        """
+        rim = 0.5 * diameter_mm / self.moves.camera_mm + 2.0 / self.intrinsics[0, 0]
+        turn = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+        matrix = self.intrinsics
+        u = matrix[0, 2] + rim * matrix[0, 0] * np.cos(turn)
+        v = matrix[1, 2] + rim * matrix[1, 1] * np.sin(turn)
+        off = self.rays(u, v, True) - self.rays(u, v, False)
+        return rim, float(np.linalg.norm(off, axis=-1).max())
+
     def looks(self, distorted: bool) -> np.ndarray:
         """Return ``rays`` of the centres of all pixels, (height, width, 2); made once."""
         bent = distorted and bool(np.any(self.distortion))

@@ -24,7 +24,7 @@ from simrig.rigs.direct.gonioreflectometer import (
 from simrig.rigs.imaging.effects import EFFECT_NAMES, plan_pictures
 from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.recorder import Camera, picture_numbers
-from simrig.rigs.imaging.values import Spot, value_of
+from simrig.rigs.imaging.values import Spot, not_repeated, value_of
 from simrig.rigs.protocol import Rig
 from simrig.rigs.timing import GonioreflectometerTiming
 
@@ -36,7 +36,7 @@ class ImagingRig(Rig):
     """A gonioreflectometer that takes pictures of a flat sample (docs/imaging.md).
 
     A value is what its pictures give at the sample's centre; its uncertainty is that of photons,
-    read-out, rounding and the pixels' response.
+    read-out, rounding, the pixels' response, positioning and stray light.
 
     Attributes:
         optics: the instrument.
@@ -154,7 +154,8 @@ class ImagingRig(Rig):
                 f"phi_v = {in_degrees(angles[dark][0])}: raise saturation_per_sr, or leave the "
                 "direction out"
             )
-        noisy = {"photon-noise", "dark-noise"} & set(self.effects)
+        noisy = {"photon-noise", "dark-noise", "positioning", "stray-light"} & set(self.effects)
+        sure = np.hypot(sure, not_repeated(material, self.optics, angles, values, self.effects))
         return Recorded(np.maximum(values, 0.0), sure if noisy else None)
 
     def _check_reach(self, angles: np.ndarray) -> None:

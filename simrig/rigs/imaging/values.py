@@ -10,15 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from simrig.brdf.protocol import Brdf
 from simrig.imaging.merging import SensorModel, merge
+from simrig.instruments.instrument import Instrument
+from simrig.rigs.direct import recording
 from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.view import View, view_of
 
 _ENDLESS_DN = 1e300
-_MOST_WEIGHT = 1.5  # sum of weights without signs, above which a plane is extrapolated
+MOST_WEIGHT = 1.5  # sum of weights without signs, above which a plane is extrapolated
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +114,45 @@ def value_of(
     return values, sure
 
 
+def not_repeated(
+    brdf: Brdf, optics: Optics, angles: np.ndarray, values: np.ndarray, effects: Collection[str]
+) -> np.ndarray:
+    """Return the standard uncertainty by what no picture tells, (n, 3) in 1/sr.
+
+    Of axes that stop anywhere within their repeatability (uniform, JCGM 100 4.3.7), by how much
+    f_r and the light's cosine change there; of zeros that are off and of stray light, all that
+    they change.
+
+    Args:
+        brdf: the material.
+        optics: the instrument.
+        angles: (n, 4) that were commanded, radians.
+        values: (n, 3) measured.
+        effects: that were simulated.
+    """
+    square = np.zeros_like(values)
+    instrument = Instrument.of(optics.description)
+    if "stray-light" in effects:
+        square += recording.stray_light(angles, instrument)[:, None] ** 2
+    if "positioning" in effects:
+
+        def shown(degrees: Any) -> np.ndarray:
+            there = recording.within_reach(angles + np.radians(degrees))
+            cosine = np.cos(there[:, :1]) / np.cos(recording.within_reach(angles)[:, :1])
+            return recording.at(brdf, there) * cosine
+
+        truth = shown(0.0)
+
+        def off(degrees: Any) -> np.ndarray:
+            return np.abs(shown(degrees) - truth)
+
+        for axis in np.diag(instrument.positioning_deg):
+            square += np.maximum(off(axis), off(-axis)) ** 2 / 3.0
+        if any(instrument.offset_deg):
+            square += off(instrument.offset_deg) ** 2
+    return np.sqrt(square)
+
+
 def _believable(value: np.ndarray, noise: np.ndarray, channels: np.ndarray) -> np.ndarray:
     """Return which pixels are not far from the others of their channel, as defects are."""
     good = np.ones(len(value), dtype=bool)
@@ -125,6 +168,6 @@ def _at_centre(value: np.ndarray, noise: np.ndarray, at: np.ndarray) -> tuple[fl
     """Return what a plane through values has at the origin, and its standard uncertainty."""
     matrix = np.column_stack([np.ones(len(at)), at])
     weights = np.linalg.pinv(matrix)[0]
-    if np.abs(weights).sum() > _MOST_WEIGHT:  # pixels on one side, or in one line
+    if np.abs(weights).sum() > MOST_WEIGHT:  # pixels on one side, or in one line
         weights = np.full(len(at), 1.0 / len(at))
     return float(weights @ value), float(np.sqrt(np.sum((weights * noise) ** 2)))
