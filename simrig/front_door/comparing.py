@@ -21,10 +21,11 @@ from simrig.evaluation.metrics.comparison import (
 )
 from simrig.evaluation.metrics.images import foreground_mask
 from simrig.files.btf.hdf5 import CONTENT as BTF
+from simrig.files.btf.hdf5 import read_btf
 from simrig.files.hdf5 import content_of
 from simrig.files.pictures import Picture, as_image, names_picture, picture_format, read_picture
 from simrig.files.utia import states_layout
-from simrig.front_door.materials import as_brdf, load
+from simrig.front_door.materials import as_brdf
 
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
@@ -114,9 +115,7 @@ def compare(
     }
     if are_btfs(reference, other):
         _options(given, {}, "BTFs")
-        return compare_btfs(
-            *(o if isinstance(o, BtfStack) else load(o) for o in (reference, other))
-        )
+        return compare_btfs(_stack(reference), _stack(other))
     if are_pictures(reference, other):
         options = _options(given, _OF_PICTURES, "pictures")
         return _pictures(_named(reference, "the reference"), _named(other, "the other"), **options)
@@ -139,6 +138,10 @@ def _is_btf(item: Any) -> bool:
     if isinstance(item, str | Path):
         return Path(item).suffix == ".h5" and content_of(item) == BTF
     return isinstance(item, BtfStack)
+
+
+def _stack(item: Any) -> BtfStack:
+    return item if isinstance(item, BtfStack) else read_btf(item)
 
 
 def are_pictures(reference: Any, other: Any) -> bool:
