@@ -49,7 +49,6 @@ def test_both_orders_of_a_pair_are_recorded_unless_asked_otherwise(folder: Path)
     stack = bumps((2, 2))
     assert make_plan("scheme", stack, scheme="1").samples == 29 * 29
     assert make_plan("scheme", stack, scheme="1", reciprocal=True).samples == 29 * 15
-    assert make_plan("uniform", None, samples=900, reciprocal=False).samples == 29 * 29
 
 
 def test_factors_by_number_or_error_and_their_picture(folder: Path) -> None:

@@ -20,6 +20,7 @@ from simrig.evaluation.metrics.comparison import (
     compare_images,
 )
 from simrig.evaluation.metrics.images import foreground_mask
+from simrig.files.atomic import existing_file
 from simrig.files.btf.hdf5 import CONTENT as BTF
 from simrig.files.btf.hdf5 import read_btf
 from simrig.files.hdf5 import content_of
@@ -136,7 +137,7 @@ def are_btfs(reference: Any, other: Any) -> bool:
 
 def _is_btf(item: Any) -> bool:
     if isinstance(item, str | Path):
-        return Path(item).suffix == ".h5" and content_of(item) == BTF
+        return Path(item).suffix == ".h5" and content_of(existing_file(item)) == BTF
     return isinstance(item, BtfStack)
 
 

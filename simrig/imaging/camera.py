@@ -107,16 +107,17 @@ class Camera:
         shaped = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         lens = self.matrix, self.distortion
         _, turns, shifts, _ = cv2.solvePnPGeneric(marks, shaped, *lens, flags=method)
-        refined = [
-            cv2.solvePnPRefineLM(marks, shaped, *lens, turn, shift, _EXACT)
-            for turn, shift in zip(turns, shifts, strict=True)
-        ]
+        starts = list(zip(turns, shifts, strict=True))
+        stands = self.world_to_camera  # near it where a rig says so
+        if np.all(marks @ stands[2, :3] + stands[2, 3] > 0.0):
+            starts.append((cv2.Rodrigues(stands[:3, :3])[0], stands[:3, 3:].copy()))
+        refined = [cv2.solvePnPRefineLM(marks, shaped, *lens, *start, _EXACT) for start in starts]
         if not refined:
             raise SimrigError("no pose of the camera explains where the marks are seen")
 
         def off(pose: tuple[Any, Any]) -> float:  # a plane has two poses that look much alike
             shown = cv2.projectPoints(marks, *pose, *lens)[0]
-            return float(np.linalg.norm(shown - shaped))
+            return float(np.nan_to_num(np.linalg.norm(shown - shaped), nan=np.inf))
 
         return Camera(*lens, _pose(*min(refined, key=off)))
 

@@ -17,9 +17,6 @@ from simrig.plans.protocol import ListedPlan
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
 
-RECIPROCAL = Option(
-    "reciprocal", bool, "Each pair in one order only; where the material is so, unless given."
-)
 _BY_COUNT = {"81x81": "hemisphere_81", "151x151": "hemisphere_151"}
 _LARGEST_FILE = 1 << 28  # bytes; some four million pairs
 
@@ -105,7 +102,7 @@ class SchemePlan(Directions):
     implied_by: ClassVar[tuple[str, ...]] = ()
     options: ClassVar[tuple[Option, ...]] = (
         Option("scheme", str, "1 to 30, 81x81, 151x151 or a name.", default="81x81"),
-        RECIPROCAL,
+        Option("reciprocal", bool, "Each pair in one order; as the material is, unless given."),
     )
 
     title: str = "scheme"

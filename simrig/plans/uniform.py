@@ -16,7 +16,7 @@ import numpy as np
 from simrig.core.errors import SimrigError
 from simrig.core.options import Option
 from simrig.directions.schemes import HemisphereScheme, Ring, uniform_scheme
-from simrig.plans.listed import RECIPROCAL, SchemePlan, once
+from simrig.plans.listed import SchemePlan, once
 from simrig.plans.protocol import THETA_MAX, ListedPlan, largest_theta_deg
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class UniformPlan(SchemePlan):
 
     name: ClassVar[str] = "uniform"
     about: ClassVar[str] = f"the densest uniform scheme, {_RECIPROCAL}"
-    options: ClassVar[tuple[Option, ...]] = (_SAMPLES, RECIPROCAL)
+    options: ClassVar[tuple[Option, ...]] = (_SAMPLES,)
 
     @classmethod
     def for_material(  # type: ignore[override]
@@ -60,7 +60,7 @@ class RegularGrid(ListedPlan):
 
     name: ClassVar[str] = "regular-grid"
     about: ClassVar[str] = f"a regular grid of directions, {_RECIPROCAL}"
-    options: ClassVar[tuple[Option, ...]] = (_SAMPLES, THETA_MAX, RECIPROCAL)
+    options: ClassVar[tuple[Option, ...]] = (_SAMPLES, THETA_MAX)
 
     thetas: int
     azimuths: int
