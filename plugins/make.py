@@ -10,6 +10,7 @@ from typing import Any
 from simrig.brdf.protocol import Brdf
 from simrig.btf.spatial import SpatialBrdf
 from simrig.core.errors import SimrigError, unknown_name
+from simrig.plugins.notes import warnings_in_words
 
 BTF_NUMBERS = ("scale", "scale_v", "rotation", "pixel_angle", "pixel_width", "unit")
 
@@ -93,7 +94,7 @@ def building(what: str) -> Iterator[None]:
         CannotBuildError: what is built and Mitsuba's reason.
     """
     try:
-        with one_line_errors():
+        with one_line_errors(), warnings_in_words():
             yield
     except RuntimeError as error:
         raise CannotBuildError(f"cannot build {what}: {_reason(str(error))}") from None
