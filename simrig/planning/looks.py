@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from weakref import proxy
 
 from simrig.core.effects import Tolerance
 from simrig.planning.indirect import FEW_PATHS, PATHS
@@ -97,7 +98,7 @@ def looked_closer(
 def everything_sampled(subject: SceneSubject) -> SampledSubject:
     """Return the looked-at pixels with light of all orders; the same ones until more are known."""
     if subject.sampled is None:
-        subject.sampled = _everything_sampled(subject)
+        subject.sampled = _everything_sampled(proxy(subject))  # no circle keeps scenes alive
     return subject.sampled
 
 

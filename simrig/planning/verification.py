@@ -81,7 +81,9 @@ def verified_render(
         spent = 0.0
         while True:
             result = render_loaded(subject.scene, plan, seed, progress)
-            if plan.settings["integrator"] == light_tracer()["type"] or plan.about.get("unlooked"):
+            if plan.settings["integrator"] == light_tracer()["type"] or _all_is_there(
+                subject, plan
+            ):
                 return result, _reported(plan, Check(0.0, 0, 0.0), False, switched, spent)
             estimate = Estimate(subject.view, plan)
             check = estimate.check(result.image, _seconds(result))
@@ -111,6 +113,12 @@ def may_lack(plan: EffectPlan) -> float:
     expected = float(plan.about.get("expected_error") or 0.0)
     most = max(plan.tolerance.amount, expected) - noise
     return max(most, _LEAST[plan.tolerance.metric])
+
+
+def _all_is_there(subject: SceneSubject, plan: EffectPlan) -> bool:
+    """Return whether nothing was looked for that could be left out, and no order of light is."""
+    all_orders = plan.settings["depth"] == UNLIMITED or subject.survey.one_convex_body
+    return bool(plan.about.get("unlooked")) and all_orders
 
 
 def _with(subject: SceneSubject, plan: EffectPlan, effects: list[str]) -> EffectPlan:
