@@ -1,7 +1,7 @@
-"""What Mitsuba warns of while it builds a scene: once, in one line, through Python's ``logging``.
+"""What Mitsuba warns of while it builds a scene: once, in one line, through ``logging``.
 
-Mitsuba writes its warnings to the terminal with a time, a class and colours, every time that a scene
-is loaded, and a plan loads one in several variants.
+Mitsuba writes its warnings to the terminal with a time, a class and colours, whenever a scene is
+loaded, and a plan loads one in several variants.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ _PREFIX = re.compile(r"^[\d-]+ [\d:]+ +WARN +(?:\w+ +)?\[(\w+).*?\] *")
 _MEANINGS = (
     (
         re.compile(r'texture named "(.*)" contains pixels that exceed'),
-        "the texture '{0}' holds values outside 0 to 1, which no reflectance has; they are rendered "
-        "as they are, and raw = true says that they are none",
+        "the texture '{0}' holds values outside 0 to 1, which no reflectance has; raw = true says "
+        "that they are none",
     ),
 )
 
