@@ -23,9 +23,9 @@ from simrig.files.load import load_material
 from simrig.files.recorded import RecordedPictures
 from simrig.imaging.alignment import Plane
 from simrig.imaging.camera import from_pose
-from simrig.imaging.registration import register
+from simrig.imaging.registration import projected, register
 from simrig.instruments.description import described, shipped
-from simrig.rigs.imaging.chain import Chain, Settings
+from simrig.rigs.imaging.chain import Chain, Settings, _parts
 from simrig.rigs.imaging.optics import Optics
 from simrig.rigs.imaging.processing import process_recording
 from simrig.rigs.imaging.recorder import Camera, Recording
@@ -296,13 +296,20 @@ def test_where_something_moved_every_picture_has_a_camera_of_its_own(view, tmp_p
 
 
 def test_a_window_holds_all_that_an_image_needs(view):
-    """The same image from the whole picture, by ``register`` of its colours."""
+    """The same image from the whole picture, by ``register`` of its colours, in parts of texels."""
     chain = chain_of(view)
     ((_, image, _),) = chain.images([3], [3], Plane())
     taken = chain.recording.pose(3)
     nominal = from_pose(taken["intrinsics"], taken["distortion"], taken["camera_to_world"])
     camera = nominal.posed(chain.corners, chain.marks(taken))
-    whole, seen = register(chain.colours(taken), camera, chain.area)
+    columns, rows = chain.area.pixels
+    parts = _parts(projected(camera, chain.area)[0])
+    whole, seen = register(
+        chain.colours(taken),
+        camera,
+        chain.area.divided(parts, chain.area.size_mm[0] / columns / parts),
+    )
+    whole = whole.reshape(rows, parts, columns, parts, 3).mean(axis=(1, 3))
     light = chain.irradiance(*chain.area.points(), Plane(), taken["light_mm"])
     whole = whole / light[..., None] @ (FROM_XYZ @ chain.colour.matrix).T
     assert seen.all()

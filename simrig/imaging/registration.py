@@ -32,6 +32,7 @@ class Area:
     Attributes:
         size_mm: width and height.
         pixels: columns and rows.
+        margin_mm: along the border, from which points are moved inwards.
 
     Raises:
         SimrigError: sizes that cannot be.
@@ -39,6 +40,7 @@ class Area:
 
     size_mm: tuple[float, float]
     pixels: tuple[int, int]
+    margin_mm: float = 0.0
 
     def __post_init__(self) -> None:
         for size in self.size_mm:
@@ -52,11 +54,17 @@ class Area:
         side = max(1, round(size_mm / finite_number(pitch_mm, "the pitch in mm", above=0.0)))
         return cls((side * pitch_mm, side * pitch_mm), (side, side))
 
+    def divided(self, parts: int, margin_mm: float = 0.0) -> Area:
+        """Return the same area with every side of a pixel cut into equal parts."""
+        return Area(self.size_mm, (self.pixels[0] * parts, self.pixels[1] * parts), margin_mm)
+
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """Return x and y of the pixels' centres in mm, each (rows, columns)."""
         (width, height), (columns, rows) = self.size_mm, self.pixels
         x = ((np.arange(columns) + 0.5) / columns - 0.5) * width
         y = (0.5 - (np.arange(rows) + 0.5) / rows) * height
+        inner = [max(0.5 * side - self.margin_mm, 0.0) for side in self.size_mm]
+        x, y = (np.clip(v, -most, most) for v, most in zip((x, y), inner, strict=True))
         return np.meshgrid(x, y)
 
 

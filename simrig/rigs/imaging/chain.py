@@ -33,6 +33,7 @@ _ENDLESS = 1e30  # clipping level of frames that were not rounded to whole numbe
 _LARGEST_OFFSET = 12.0  # pixels of a mark from where the instrument's pose has it
 _STEADY = 0.25  # pixels that the marks of pictures from one place differ at most
 _REACH = 0.05  # of the sample's side, how far off its plane is looked for
+_NEARLY, _MOST_PARTS = 0.25, 8  # of a pixel; of a texel's side
 _AROUND = 16  # pixels around what images need: what filters see there is below 1e-9
 _EVERYWHERE = (slice(None), slice(None))
 
@@ -291,6 +292,11 @@ class Chain:
                 return None
             camera = camera.posed(self.corners, np.mean(found, axis=0))
         pixels, seen = projected(camera, self.area, plane)
+        parts = _parts(pixels)
+        if parts > 1:
+            # pixels at the sample's border show the frame as well
+            margin_mm = self.area.size_mm[0] / self.area.pixels[0] / parts
+            pixels, seen = projected(camera, self.area.divided(parts, margin_mm), plane)
         shape = taken["frames"].shape[1:]
         seen &= inside(pixels, shape)
         if not seen.all():
@@ -306,8 +312,10 @@ class Chain:
 
     def _image(self, number: int, sight: _Sight, plane: Plane) -> np.ndarray:
         taken = self.recording.pose(number)
-        shown = Spline(self.colours(taken, sight.window)).at(sight.pixels)
+        read = Spline(self.colours(taken, sight.window)).at(sight.pixels)
         x, y = self.area.points()
+        # the mean over each texel, as a texel of a BTF is defined, and not its middle
+        shown = read.reshape(len(x), len(read) // len(x), x.shape[1], -1, 3).mean(axis=(1, 3))
         light = self.irradiance(x, y, plane, taken["light_mm"])
         found = shown / np.where(light > 1e-6, light, np.inf)[..., None]
         return found if self.colour is None else found @ (FROM_XYZ @ self.colour.matrix).T
@@ -345,6 +353,13 @@ class Chain:
         area = Area.of_pitch(size, size / max(self.settings.pixels, 64))
         reach = min(HEIGHT_MM, _REACH * size)  # a small sample leaves its pictures before
         return fit_plane(registered_views(pictures, cameras, area), height_mm=reach)
+
+
+def _parts(pixels: np.ndarray) -> int:
+    """Return into how many parts a side of a texel is cut, so that none spans more than a pixel."""
+    steps = [np.linalg.norm(np.diff(pixels, axis=axis), axis=-1) for axis in (0, 1)]
+    widest = max((float(np.median(step)) for step in steps if step.size), default=1.0)
+    return int(np.clip(np.ceil(widest - _NEARLY), 1, _MOST_PARTS))
 
 
 def _camera(taken: Mapping[str, np.ndarray]) -> Camera:
