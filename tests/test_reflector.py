@@ -13,15 +13,18 @@ from typer.testing import CliRunner
 from simrig.brdf import kurt_material
 from simrig.brdf.analytic import Lambert, Ward
 from simrig.cli.app import app
+from simrig.core.effects import Overrides, parse_tolerance
 from simrig.core.errors import SimrigError
 from simrig.imaging.anisotropy import analyse
 from simrig.imaging.anisotropy_opening import Opening, cut_out, find_opening
 from simrig.instruments.description import shipped
+from simrig.rigs.reflector.effects import plan_picture, simulated
 from simrig.rigs.reflector.folded import Folded, fold, picture
 from simrig.rigs.reflector.lighting import lighting_of
 from simrig.rigs.reflector.mirror import CONJUGATE, Reflector, follow
 from simrig.rigs.reflector.photograph import analyse_photograph
 from simrig.rigs.reflector.traced import trace
+from simrig.rigs.tolerances import measured_change
 
 PERFECT = Reflector(reflectance=(1.0, 1.0, 1.0))
 
@@ -138,6 +141,32 @@ def test_hard_pictures_are_finite(changes: dict) -> None:
     else:
         assert np.isfinite(image).all()
         assert image.min() >= 0.0
+
+
+def test_left_out_effects_change_less_than_their_bounds() -> None:
+    """Every subset of a planned picture at finer pixels than the bounds look at."""
+    mirror = Reflector(
+        slope_rms_mrad=0.05, tilt_mrad=(0.3, 0.0), dust=0.02, reflectance=(0.8, 0.85, 0.86)
+    )
+    material = kurt_material("fabric112")
+    for text in ("relative=0.05", "dE=0.5"):
+        tolerance = parse_tolerance(text)
+        plan = plan_picture(mirror, material, 20.0, tolerance)
+        on = tuple(plan.settings["effects"])
+        assert 0.0 < plan.left_out <= tolerance.amount
+        assert {d.effect for d in plan.effects if d.bound is not None and d.bound.absent} == {
+            "shift"
+        }
+        whole, part = (
+            picture(fold(m, 96), material, 20.0) for m in (mirror, simulated(mirror, on))
+        )
+        inside = whole.sum(axis=-1) > 0.0
+        scale = 0.9 / np.quantile(whole[inside], 0.985) / np.pi
+        values = [image[inside] * scale for image in (part, whole)]
+        found = measured_change(*values, np.zeros(len(values[0])), tolerance)
+        assert 0.0 < found <= tolerance.amount
+    every = plan_picture(mirror, material, 20.0, tolerance, Overrides(everything=True))
+    assert simulated(mirror, tuple(every.settings["effects"])) == mirror
 
 
 def test_shipped_instrument_is_the_thesis_s() -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from simrig.cli import frame
+from simrig.cli import effect_options, frame
 from simrig.cli.options import Material, Overwrite, Seed, check_picture, numbers, write_picture
 from simrig.cli.outputs import output_file
 from simrig.core.errors import SimrigError
@@ -24,29 +24,45 @@ def picture(
     output: Annotated[Path, typer.Option(help="The picture: .exr holds values, .png shows them.")],
     rotation: Annotated[float, typer.Option(help="Of the material, degrees.")] = 0.0,
     pixels: Annotated[int, typer.Option(min=8, max=2048, help="Along each side.")] = 192,
-    flash_points: Annotated[int, typer.Option(help="1, or 7 for the flash's extent.")] = 1,
     instrument: Instrument = "reflector",
+    *,
+    effects: effect_options.Effects,
     overwrite: Overwrite = False,
 ) -> frame.Report:
-    """Record the picture of a material under the reflector, folded (docs/reflector.md)."""
+    """Record the picture of a material under the reflector, folded (docs/reflector.md).
+
+    Which imperfections of the mirror are simulated follows from the tolerance (dE=0.5 unless
+    given): those that could change the picture by more together.
+    """
+    import json
+
     from simrig.core.cost import stopwatch
+    from simrig.core.effects import Overrides, parse_tolerance
     from simrig.files.load import load_material
+    from simrig.rigs.reflector.effects import plan_picture, simulated
     from simrig.rigs.reflector.folded import fold
     from simrig.rigs.reflector.folded import picture as record
 
     check_picture(output)
     mirror, brdf = _mirror(instrument), load_material(material)
+    tolerance = parse_tolerance(effects.tolerance or effect_options.DEFAULT_TOLERANCE)
     with output_file(output, overwrite):
+        plan = plan_picture(mirror, brdf, rotation, tolerance, Overrides(**effects.overrides))
         elapsed = stopwatch()
-        folded = fold(mirror, pixels, flash_points=flash_points)
+        folded = fold(simulated(mirror, tuple(plan.settings["effects"])), pixels)
         image = record(folded, brdf, rotation)
         seconds = elapsed()
         level = float(image[folded.inside].max())
-        about = {"material": brdf.name, "rotation_deg": rotation, "unit": "radiance"}
+        about = {"material": brdf.name, "rotation_deg": rotation, "unit": "radiance",
+                 "plan": json.dumps(plan.as_dict())}  # fmt: skip
         write_picture(output, image, about, 1.0 / level if level > 0.0 else 1.0)
+    data = {"file": output, "pixels": pixels, "largest": level, "compute_seconds": seconds}
     return frame.Report(
-        data={"file": output, "pixels": pixels, "largest": level, "compute_seconds": seconds},
-        shown=[f"{output}: {pixels} × {pixels} pixels, {seconds:.2f} s"],
+        data={**data, "effects": plan.as_dict()},
+        shown=[
+            f"{output}: {pixels} × {pixels} pixels, {seconds:.2f} s",
+            effect_options.plan_table(plan, f"effects at {plan.tolerance}"),
+        ],
     )
 
 

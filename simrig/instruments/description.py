@@ -25,13 +25,11 @@ from simrig.instruments.parts import (
     Camera,
     Coupling,
     Dome,
-    Ellipsoid,
     Lens,
     Light,
     Mirror,
     PolarCamera,
     PolarLight,
-    ProjectorPart,
     Registration,
     Sample,
     SampleTiming,
@@ -39,6 +37,7 @@ from simrig.instruments.parts import (
     each_once,
 )
 from simrig.instruments.quantity import Part, Quantity, check_groups, quantities_of
+from simrig.instruments.reflector_parts import Ellipsoid, ProjectorPart
 
 SHIPPED = {
     "utia": "utia.toml",

@@ -345,50 +345,6 @@ class Dome(Part):
     placement_deg: Annotated[Quantity, between(0.0, 10.0)] = _ZERO
 
 
-class Ellipsoid(Part):
-    """``[reflector]``: a mirror around the sample, seen and lit from afar along its axis.
-
-    Attributes:
-        semi_axes_mm: across and along the axis.
-        z_range_mm: of the mirror above the sample.
-        opening_mm: diameter of the lower opening, where the sample lies.
-        reflectance: of the mirror.
-        slope_rms_mrad: root mean square error of its slope.
-        distance_mm: of camera and projector.
-        flash_mm: of the flash beside the lens.
-        flash_diameter_mm: of its disc.
-        fps: pictures per second.
-    """
-
-    semi_axes_mm: Annotated[list[Positive], Field(min_length=2, max_length=2)]
-    z_range_mm: Annotated[list[float], Field(min_length=2, max_length=2)]
-    opening_mm: Positive
-    reflectance: Share
-    slope_rms_mrad: NotNegative = _ZERO
-    distance_mm: Positive
-    flash_mm: NotNegative = _ZERO
-    flash_diameter_mm: NotNegative = _ZERO
-    fps: Positive
-
-
-class ProjectorPart(Part):
-    """``[projector]`` of a reflector, in the mirror's far focus.
-
-    Attributes:
-        lumens: luminous flux of a white frame.
-        frame_mm: its width and height on the mirror.
-        contrast: of a white pixel to a black one.
-        pupil_mm: diameter of what light leaves by.
-        beside_mm: from the camera's lens, as a beam splitter shows it.
-    """
-
-    lumens: Positive
-    frame_mm: Annotated[list[Positive], Field(min_length=2, max_length=2)]
-    contrast: Positive
-    pupil_mm: Positive
-    beside_mm: NotNegative = _ZERO
-
-
 def needs(table: str, part: Part, *keys: str) -> None:
     """Refuse a table that lacks keys which pictures need.
 

@@ -105,7 +105,7 @@ class Reflector:
 
     @classmethod
     def from_description(cls, description: ReflectorDescription) -> Reflector:
-        """Return the perfectly placed instrument of a file (kind ``reflector``).
+        """Return the instrument of a file (kind ``reflector``).
 
         Raises:
             SimrigError: numbers that make no such instrument.
@@ -125,7 +125,11 @@ class Reflector:
                 f"z_range_mm of a reflector must end at most where it is widest, {centre:.4g} mm"
             )
         wide = 2.0 * across * np.sqrt(1.0 - ((high - centre) / along) ** 2)
-        reflectance = float(part.reflectance.value)
+        said = part.reflectance if isinstance(part.reflectance, list) else [part.reflectance] * 3
+        red, green, blue = (float(share.value) for share in said)
+        (shift_x, shift_y), (tilt_x, tilt_y) = (
+            [float(number.value) for number in pair] for pair in (part.shift_mm, part.tilt_mrad)
+        )
         return cls(
             across_mm=across,
             along_mm=along,
@@ -134,8 +138,11 @@ class Reflector:
             distance_mm=float(part.distance_mm.value),
             flash_mm=float(part.flash_mm.value),
             flash_diameter_mm=float(part.flash_diameter_mm.value),
-            reflectance=(reflectance, reflectance, reflectance),
+            reflectance=(red, green, blue),
             slope_rms_mrad=float(part.slope_rms_mrad.value),
+            shift_mm=(shift_x, shift_y),
+            tilt_mrad=(tilt_x, tilt_y),
+            dust=float(part.dust.value),
         )
 
     @property

@@ -29,8 +29,8 @@ from simrig.rigs.imaging.sensor import Sensor
 from simrig.rigs.reflector.mirror import CONJUGATE, Reflector, follow
 
 if TYPE_CHECKING:
-    from simrig.instruments.parts import ProjectorPart
     from simrig.instruments.quantity import Quantity
+    from simrig.instruments.reflector_parts import ProjectorPart
 
 PATTERNS = ("ray", "hadamard")
 _LUMENS_PER_WATT = 300.0  # of white light
