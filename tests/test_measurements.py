@@ -33,6 +33,7 @@ RIG = Gonioreflectometer()
 PLAN_OPTIONS: dict[str, dict[str, object]] = {
     "directions": {"pairs": "pairs.txt"},
     "tailored": {"axes": "30,120"},
+    "tailored-slices": {"axes": "30", "samples": 700},
     "subspace": {"azimuths": 24},
     "minimal": {"database": "mine", "samples": 24},
     "template": {"database": "mine", "samples": 150},

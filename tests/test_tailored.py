@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from simrig.brdf import kurt_material
 from simrig.core.errors import SimrigError
 from simrig.directions.spherical import to_vector
+from simrig.plans.along_slices import SlicePlan
 from simrig.plans.registry import make_plan
 from simrig.plans.tailored import TailoredPlan
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -76,3 +77,24 @@ def test_stored_and_restored(tmp_path) -> None:
 def test_impossible_plans_are_refused(options: dict, says: str) -> None:
     with pytest.raises(SimrigError, match=says):
         make_plan("tailored", None, **options)
+
+
+@pytest.mark.parametrize(
+    ("samples", "axes", "steps"),
+    [(1034, "30", (20, 60)), (3230, "30,120", (20, 36)), (1034, "none", (16, 180))],
+)
+def test_slices_follow_what_a_picture_shows(samples: int, axes: str, steps: tuple) -> None:
+    plan = make_plan("tailored-slices", None, samples=samples, axes=axes)
+    assert type(plan) is SlicePlan and plan.samples == samples
+    e_s, a_s = np.degrees([plan.placement.theta_step, plan.placement.azimuth_step])
+    assert (e_s, a_s) == pytest.approx(steps)
+    assert plan.placement.intersections <= samples
+
+
+@pytest.mark.parametrize(
+    ("options", "says"), [({}, "needs --axes"), ({"axes": "x"}, "commas"),
+                          ({"axes": "3", "samples": 20}, "too few")],
+)  # fmt: skip
+def test_impossible_tailored_slices_are_refused(options: dict, says: str) -> None:
+    with pytest.raises(SimrigError, match=says):
+        make_plan("tailored-slices", None, **options)

@@ -3,6 +3,7 @@
 Each material is photographed under the reflector (with a camera's noise), the highlights found
 there make a plan of 1,025 samples, and radial basis functions interpolate what is measured there;
 beside it uniform sampling of as many. Both interpolate values, as the thesis does, and logarithms.
+As many adaptive samples along slices are placed for those highlights, and by thesis Table 5.1.
 Errors are of a sphere under 16 directional lights.
 
 Source: thesis section 3.1.5, Figure 3.4.
@@ -24,14 +25,17 @@ from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, means, where
 from simrig.evaluation.studies.reflector_axes import photographed
 from simrig.plans.protocol import Plan, largest_theta_deg
+from simrig.plans.registry import make_plan
 from simrig.plans.tailored import TailoredPlan
 from simrig.plans.uniform import UniformPlan
 from simrig.reconstruction.scattered.rbf import reconstruct_rbf
+from simrig.reconstruction.slices.tables import reconstruct
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 from simrig.viewing.plots import drawn_panel
 
 _KEYS = ("rmse", "psnr", "delta_e", "flip")
 PLANS = ("tailored", "uniform")
+SLICES = ("tailored-slices", "slices")
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {"materials": ["fabric112"], "samples": 500, "pixels": 32},
@@ -75,6 +79,23 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
                 **{key: getattr(compared, key) for key in _KEYS},
             }
             rows.append({**row, "psnr": min(compared.psnr, 99.0)})
+    named = ",".join(map(str, axes)) if modes else "none"
+    for name in SLICES:
+        wishes = {"axes": named} if name == SLICES[0] else {}
+        own = make_plan(name, truth, samples=config["samples"], **wishes)
+        brdf = reconstruct(Gonioreflectometer().measure(truth, own))
+        compared = compare_images(stage.image, stage.looked_up(brdf), exposure=stage.exposure)
+        rows.append(
+            {
+                "plan": name,
+                "logarithms": False,
+                "samples": own.samples,
+                "axes_deg": axes,
+                "widths_deg": widths,
+                **{key: getattr(compared, key) for key in _KEYS},
+                "psnr": min(compared.psnr, 99.0),
+            }
+        )
     return rows
 
 
@@ -89,6 +110,7 @@ def summarise(config: Config, rows: Sequence[Row]) -> dict[str, Any]:
             better += mine < other
         found[name] = {plan: means(where(own, plan=plan), _KEYS) for plan in PLANS}
         found[name]["tailored_better"] = better
+    found["slices"] = {plan: means(where(rows, plan=plan), _KEYS) for plan in SLICES}
     best = found["logarithms"]
     return {
         "materials": len(distinct(rows, "material")),
@@ -106,7 +128,7 @@ def table(summary: Mapping[str, Any]) -> Any:
     lines = [
         (
             row["material"],
-            "logarithms" if row["logarithms"] else "values",
+            "slices" if row["plan"] in SLICES else "logarithms" if row["logarithms"] else "values",
             row["plan"],
             str(row["samples"]),
             *(f"{row[key]:.3f}" for key in _KEYS),
@@ -115,8 +137,8 @@ def table(summary: Mapping[str, Any]) -> Any:
     ]
     below = [
         ("mean", name, plan, "", *(f"{summary[name][plan][key]:.3f}" for key in _KEYS))
-        for name in ("values", "logarithms")
-        for plan in PLANS
+        for name, plans in (("values", PLANS), ("logarithms", PLANS), ("slices", SLICES))
+        for plan in plans
     ]
     return text_table("Tailored beside uniform sampling", columns, lines, below=below)
 

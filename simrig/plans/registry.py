@@ -17,6 +17,7 @@ from simrig.plans.protocol import Plan
 from simrig.plans.reflectometer import ReflectometerPlan
 from simrig.plans.subspace import SubspacePlan
 from simrig.plans.tailored import TailoredPlan
+from simrig.plans.tailored_slices import TailoredSlices
 from simrig.plans.template import TemplatePlan
 from simrig.plans.uniform import RegularGrid, UniformPlan
 from simrig.plans.visible_normals import VisibleNormalsPlan
@@ -35,6 +36,7 @@ PLANS: dict[str, type[Plan]] = {
         GantryPlan,
         VisibleNormalsPlan,
         TailoredPlan,
+        TailoredSlices,
         SubspacePlan,
         LargeSamplePlan,
         MinimalPlan,
