@@ -240,6 +240,9 @@ def test_opening_is_found_and_cut_out() -> None:
     assert cut[48, 48, 0] == pytest.approx(0.5 + 0.2315, abs=0.01)
     with pytest.raises(SimrigError, match="no round opening"):
         find_opening(np.where(columns > 250, 1.0, 0.0)[..., None].repeat(3, axis=-1))
+    for level, says in ((np.nan, "saturated"), (0.0, "black")):
+        with pytest.raises(SimrigError, match=says):
+            find_opening(np.where(inside, level, 0.0)[..., None].repeat(3, axis=-1))
     with pytest.raises(SimrigError, match="too small"):
         cut_out(photograph, Opening(100.0, 100.0, 12.0), 96)
 

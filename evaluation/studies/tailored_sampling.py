@@ -83,8 +83,8 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     for name in SLICES:
         wishes = {"axes": named} if name == SLICES[0] else {}
         own = make_plan(name, truth, samples=config["samples"], **wishes)
-        brdf = reconstruct(Gonioreflectometer().measure(truth, own))
-        compared = compare_images(stage.image, stage.looked_up(brdf), exposure=stage.exposure)
+        sliced = reconstruct(Gonioreflectometer().measure(truth, own))
+        compared = compare_images(stage.image, stage.looked_up(sliced), exposure=stage.exposure)
         rows.append(
             {
                 "plan": name,

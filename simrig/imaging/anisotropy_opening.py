@@ -50,6 +50,8 @@ def find_opening(photograph: np.ndarray) -> Opening:
     smooth = gaussian_filter(median_filter(grey, 3), _BLUR)
     bright = smooth > 0.5 * np.quantile(smooth, 0.98)
     if not smooth.max() > 0.0:
+        if np.isnan(photograph).any():
+            raise SimrigError("the opening is saturated: take the photograph with less exposure")
         raise SimrigError("the photograph is black: take it with the flash, or a longer exposure")
     for _ in range(3):  # the level of the opening, then its area
         level = np.median(smooth[bright])

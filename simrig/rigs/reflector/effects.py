@@ -44,8 +44,8 @@ class PictureSubject:
         none, own = (self._shown(on) for on in ((), (effect.name,)))
         inside = none.sum(axis=-1) > 0.0
         scale = _SHOWN / max(float(np.quantile(none[inside], _BRIGHT)), 1e-300) / np.pi
-        values = [image[inside] * scale for image in (own, none)]
-        return measured_change(*values, np.zeros(len(values[0])), tolerance)
+        changed, bare = own[inside] * scale, none[inside] * scale
+        return measured_change(changed, bare, np.zeros(len(bare)), tolerance)
 
     def _shown(self, on: tuple[str, ...]) -> np.ndarray:
         folded, _ = _coarse(simulated(self.mirror, on))
