@@ -116,6 +116,7 @@ def test_the_analysis_of_virtual_observers(loaded: tuple[Path, Path], tmp_path: 
         "experiment", "analyse", loaded[1], "--bootstrap", "0", "--beside", f"B={loaded[1]}"
     )
     assert beside["correlations"]["B"]["r"] == pytest.approx(1.0)
+    assert beside["beside"]["B"]["board-3"]["mean_m"] == stimuli["board-3"]["mean_m"]
     larger = done("experiment", "analyse", loaded[1], "--bootstrap", "0", "--effective")
     ratio = larger["stimuli"]["board-3"]["mean_m"] / stimuli["board-3"]["mean_m"]
     assert ratio == pytest.approx(370.07 / 290.0, rel=0.01)

@@ -72,9 +72,9 @@ def analyse_tables(
     rng = np.random.default_rng(seed)
     results["groups"] = _groups(read, distances, lapses, bootstrap, rng, progress)
     results["rotations"] = _rotations(read, results["stimuli"])
+    results["beside"] = {n: _others(place, observers, effective) for n, place in others.items()}
     results["correlations"] = {
-        name: _correlation(results["stimuli"], _others(place, observers, effective))
-        for name, place in others.items()
+        name: _correlation(results["stimuli"], rows) for name, rows in results["beside"].items()
     }
     table = features or folder / "features.csv"
     if table.is_file():

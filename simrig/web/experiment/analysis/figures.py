@@ -27,12 +27,21 @@ def write_results(results: dict[str, Any], folder: Path) -> None:
 
 
 def _stimuli(axes: Any, results: dict[str, Any]) -> bool:
+    """Draw mean distances of stimuli, those of other experiments beside them (Fig. 3.11)."""
     rows = {n: r for n, r in results.get("stimuli", {}).items() if r["mean_m"] is not None}
     names = sorted(rows, key=lambda n: (rows[n]["group"], n))
-    spread = [rows[n]["sd_m"] or 0.0 for n in names]
-    axes.bar(names, [rows[n]["mean_m"] for n in names], yerr=spread, color="tab:blue", capsize=2)
-    axes.tick_params(axis="x", rotation=90, labelsize=7)
+    all_of_them = {results.get("title", ""): rows, **results.get("beside", {})}
+    width = 0.8 / len(all_of_them)
+    for number, (title, own) in enumerate(all_of_them.items()):
+        known = [n for n in names if n in own and own[n]["mean_m"] is not None]
+        places = np.array([names.index(n) for n in known]) + width * number
+        spread = [own[n]["sd_m"] or 0.0 for n in known]
+        means = [own[n]["mean_m"] for n in known]
+        axes.bar(places, means, width, yerr=spread, capsize=2, label=title)
+    axes.set_xticks(np.arange(len(names)) + 0.5 * (0.8 - width), names, rotation=90, fontsize=7)
     axes.set_ylabel("critical viewing distance / m (mean, deviation)")
+    if len(all_of_them) > 1:
+        axes.legend(fontsize=8)
     return bool(names)
 
 
