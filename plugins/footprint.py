@@ -13,11 +13,9 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.btf.mipmap import Footprint
+from simrig.btf.mipmap import Footprint, longer_diameter
 from simrig.core.errors import SimrigError
 from simrig.plugins.named import number
-
-_LEAST_COSINE = 1e-3  # 89.94°: beyond it a footprint does not grow
 
 
 @dataclass(frozen=True)
@@ -80,11 +78,7 @@ class Cone:
             return Footprint(x, y)
         wi = dr.detach(si.wi)
         width = self.width_mm + dr.abs(dr.detach(si.t)) * (self.unit_mm * self.angle)
-        length = width / dr.maximum(wi.z, _LEAST_COSINE)
-        across = dr.sqrt(wi.x * wi.x + wi.y * wi.y)
-        # towards the normal the vector becomes short: a circle has no longer axis
-        share = length / dr.maximum(across, 1e-4)
-        return Footprint(x, y, width, *turn(wi.x * share, wi.y * share))
+        return Footprint(x, y, width, *turn(*longer_diameter(width, wi.x, wi.y, wi.z)))
 
 
 def pixel_angle_deg(sensor: Any) -> float:

@@ -30,6 +30,7 @@ from simrig.core.errors import SimrigError
 from simrig.core.kept import kept
 
 MOST_ANISOTROPY = 8  # along the major axis, unless told otherwise
+_LEAST_COSINE = 1e-3  # 89.94°: beyond it a footprint does not grow
 _SMALLEST = 1e-12  # of a footprint's width, in texels
 _PER_OCTAVE = 1.0 / math.log(2.0)
 
@@ -49,6 +50,23 @@ class Footprint:
     width: Array = None
     major_x: Array = None
     major_y: Array = None
+
+
+def longer_diameter(
+    width: Array, view_x: Array, view_y: Array, view_z: Array
+) -> tuple[Array, Array]:
+    """Return the longer diameter of what a pixel's cone cuts of a surface, a vector in mm.
+
+    Args:
+        width: of the cone there, in mm.
+        view_x, view_y, view_z: the direction to the viewer in the surface's frame, a unit vector.
+    """
+    xp = namespace(view_z)
+    length = width / xp.maximum(view_z, _LEAST_COSINE)
+    across = xp.sqrt(view_x * view_x + view_y * view_y)
+    # towards the normal the vector becomes short: a circle has no longer axis
+    share = length / xp.maximum(across, 1e-4)
+    return view_x * share, view_y * share
 
 
 @dataclass(frozen=True)

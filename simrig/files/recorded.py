@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from simrig.core.errors import SimrigError
-from simrig.files.atomic import is_temporary
+from simrig.files.atomic import atomic_write, is_temporary
 from simrig.files.values import opened_arrays
 
 NAME, FORMAT, VERSION = "recording.json", "simrig recording", 1
@@ -30,21 +30,72 @@ def read_about(folder: str | Path) -> dict[str, Any]:
     Raises:
         SimrigError: there is none, it is damaged, or of another version.
     """
-    path = Path(folder) / NAME
+    about = read_facts(Path(folder), NAME, FORMAT, VERSION, ("sample", "sensor"))
+    if not all(isinstance(about.get(key, {}), dict) for key in ("effects", "calibration")):
+        raise SimrigError(f"'{Path(folder) / NAME}' is damaged: effects, calibration are objects")
+    return about
+
+
+def read_facts(
+    folder: Path, name: str, kind: str, version: int, objects: Sequence[str]
+) -> dict[str, Any]:
+    """Return what the JSON file of a folder of pictures says.
+
+    Args:
+        folder: of the pictures.
+        name: of the file in it.
+        kind, version: its ``format`` and ``version``.
+        objects: keys that it must have, each an object.
+
+    Raises:
+        SimrigError: there is none, it is damaged, or of another kind or version.
+    """
+    path = folder / name
     if not path.is_file():
-        raise SimrigError(f"'{folder}' is no recording: it has no {NAME}")
+        raise SimrigError(f"'{folder}' is no {kind.rpartition(' ')[2]}: it has no {name}")
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
-        named, version = about["format"], about["version"]
-        tables = [about["sample"], about["sensor"], about.get("effects", {})]
-        whole = all(isinstance(t, dict) for t in (*tables, about.get("calibration", {})))
+        named, found = about["format"], about["version"]
+        whole = all(isinstance(about[key], dict) for key in objects)
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise SimrigError(f"'{path}' is damaged: {type(error).__name__} {error}") from error
-    if (named, version) != (FORMAT, VERSION):
-        raise SimrigError(f"'{path}' is of version {version} of '{named}', not read here")
+    if (named, found) != (kind, version):
+        raise SimrigError(f"'{path}' is of version {found} of '{named}', not read here")
     if not whole:
-        raise SimrigError(f"'{path}' is damaged: sample, sensor, effects, calibration are objects")
+        raise SimrigError(f"'{path}' is damaged: {', '.join(objects)} are objects")
     return dict(about)
+
+
+def begin_folder(folder: Path, name: str, about: dict[str, Any], there: Any) -> None:
+    """Write the JSON file of a folder of pictures, or find that it is there and says the same.
+
+    Args:
+        folder: made where it is missing.
+        name: of the file in it.
+        about: what it is to say.
+        there: reads what it says.
+
+    Raises:
+        SimrigError: a folder of something else, or of another recording; an unwritable one.
+    """
+    file, kind = folder / name, str(about["format"]).rpartition(" ")[2]
+    if file.is_file():
+        says = there(folder)
+        for key in sorted(about.keys() | says.keys()):
+            if about.get(key) != says.get(key):
+                raise SimrigError(
+                    f"'{folder}' holds another {kind} (its {key} differs): choose another "
+                    "--output, or remove it"
+                )
+        return
+    if folder.is_dir() and any(folder.iterdir()):
+        raise SimrigError(f"'{folder}' holds something else: choose another --output")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise SimrigError(f"cannot write '{folder}': {error.strerror}") from error
+    with atomic_write(file) as temporary:
+        temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
 
 
 class RecordedPictures:

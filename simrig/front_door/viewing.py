@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simrig.brdf.protocol import Brdf
-from simrig.btf.stack import BtfStack
 from simrig.core.errors import SimrigError
 from simrig.front_door.materials import as_brdf, load
+from simrig.front_door.pictures import looked_up
 from simrig.rigs.measurements.measurement import Measurement
 from simrig.web.viewer.page import Shown
 
@@ -59,8 +59,4 @@ def _brdf_of(material: Any) -> Brdf:
     """Return a BRDF, or a BTF as what is looked up over footprints and has a BRDF in the mean."""
     is_file = isinstance(material, str | Path) and Path(material).is_file()
     item = load(material) if is_file else material
-    if isinstance(item, BtfStack):
-        from simrig.btf.full import FullBtf
-
-        return FullBtf.from_stack(item)
-    return as_brdf(item)
+    return as_brdf(looked_up(item))

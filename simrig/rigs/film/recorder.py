@@ -7,7 +7,7 @@ was being filmed, and the same command goes on with the others.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,10 +16,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simrig.core.errors import SimrigError
 from simrig.core.progress import Progress
 from simrig.directions.spherical import TWO_PI
 from simrig.files.atomic import atomic_write
+from simrig.files.recorded import begin_folder, read_facts
 from simrig.files.video import written_video
 from simrig.imaging.frames import candidates
 from simrig.instruments.description import Description
@@ -111,24 +111,7 @@ class Film:
         Raises:
             SimrigError: a folder of something else, or of another film.
         """
-        about, file = self.about(), folder / NAME
-        if file.is_file():
-            there = read_film(folder)
-            for key in sorted(about.keys() | there.keys()):
-                if about.get(key) != there.get(key):
-                    raise SimrigError(
-                        f"'{folder}' holds another film (its {key} differs): choose another "
-                        "--output, or remove it"
-                    )
-            return
-        if folder.is_dir() and any(folder.iterdir()):
-            raise SimrigError(f"'{folder}' holds something else: choose another --output")
-        try:
-            folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise SimrigError(f"cannot write '{folder}': {error.strerror}") from error
-        with atomic_write(file) as temporary:
-            temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
+        begin_folder(folder, NAME, self.about(), read_film)
 
     def run(self, folder: Path, progress: Progress | None = None) -> None:
         """Film what is missing, slice by slice; progress has frames done and in total.
@@ -254,20 +237,7 @@ def read_film(folder: str | Path) -> dict[str, Any]:
     Raises:
         SimrigError: there is none, it is damaged, or of another version.
     """
-    path = Path(folder) / NAME
-    if not path.is_file():
-        raise SimrigError(f"'{folder}' is no film: it has no {NAME}")
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-        named, version = about["format"], about["version"]
-        whole = isinstance(about["plan"], Mapping) and isinstance(about["instrument"], Mapping)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise SimrigError(f"'{path}' is damaged: {type(error).__name__} {error}") from error
-    if (named, version) != (FORMAT, VERSION):
-        raise SimrigError(f"'{path}' is of version {version} of '{named}', not read here")
-    if not whole:
-        raise SimrigError(f"'{path}' is damaged: plan and instrument are objects")
-    return dict(about)
+    return read_facts(Path(folder), NAME, FORMAT, VERSION, ("plan", "instrument"))
 
 
 def _between(keys: np.ndarray, samples: np.ndarray, index: int) -> np.ndarray:

@@ -23,10 +23,8 @@ import numpy as np
 from simrig.brdf import Lambert
 from simrig.btf.stack import BtfStack
 from simrig.core.counter_rng import hashed
-from simrig.core.errors import SimrigError
-from simrig.files.atomic import atomic_write
 from simrig.files.checkpoint import Checkpoint
-from simrig.files.recorded import FORMAT, NAME, VERSION, read_about
+from simrig.files.recorded import FORMAT, NAME, VERSION, begin_folder, read_about
 from simrig.mesostructure.tile import Tile
 from simrig.rigs.fingerprint import fingerprint
 from simrig.rigs.imaging.effects import EFFECT_NAMES
@@ -255,25 +253,7 @@ class Recording:
         Raises:
             SimrigError: a folder of something else, or of another recording.
         """
-        about = self.about()
-        file = folder / NAME
-        if file.is_file():
-            there = read_about(folder)
-            for key in about.keys() | there.keys():
-                if about.get(key) != there.get(key):
-                    raise SimrigError(
-                        f"'{folder}' holds another recording (its {key} differs): choose another "
-                        "--output, or remove it"
-                    )
-            return
-        if folder.is_dir() and any(folder.iterdir()):
-            raise SimrigError(f"'{folder}' holds something else: choose another --output")
-        try:
-            folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise SimrigError(f"cannot write '{folder}': {error.strerror}") from error
-        with atomic_write(file) as temporary:
-            temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
+        begin_folder(folder, NAME, self.about(), read_about)
 
     def missing(self, folder: Path) -> list[np.ndarray]:
         """Return the numbers of the poses that are not there yet, in portions of one view."""

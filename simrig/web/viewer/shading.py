@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from simrig.brdf.protocol import Brdf, evaluate
-from simrig.btf.mipmap import Footprint
+from simrig.btf.mipmap import Footprint, longer_diameter
 from simrig.btf.spatial import SpatialBrdf
 from simrig.core import backend
 from simrig.core.arrays import vector_type
@@ -35,7 +35,6 @@ _UNIT_MM = {
     "cylinder": (2.0 * np.pi * CYLINDER_RADIUS, CYLINDER_HEIGHT),
     "plane": (_PLANE_MM, _PLANE_MM),
 }
-_LEAST_COSINE = 1e-3  # as footprints have in renders
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,15 +165,9 @@ def _of_footprints(
     number: Any,
 ) -> np.ndarray:
     """Return f_r, (n, 3), averaged over what pixels see: ellipses longer along the view."""
-    length = seen.pixel_mm / np.maximum(view[:, 2], _LEAST_COSINE)
-    share = length / np.maximum(np.linalg.norm(view[:, :2], axis=1), 1e-4)
-    footprint = Footprint(
-        number(place[:, 0]),
-        number(place[:, 1]),
-        number(np.full(len(place), seen.pixel_mm)),
-        number(view[:, 0] * share),
-        number(view[:, 1] * share),
-    )
+    longer = longer_diameter(seen.pixel_mm, *view.T)
+    parts = (*place.T, np.full(len(place), seen.pixel_mm), *longer)
+    footprint = Footprint(*(number(part) for part in parts))
     make = vector_type(number)
     wi, wv = (make(*np.ascontiguousarray(w.T)) for w in (light, view))
     found = brdf.eval_at(wi, wv, footprint, brdf.tables(number, False))
