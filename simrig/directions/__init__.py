@@ -9,9 +9,11 @@ from simrig.directions.half_difference import (
 from simrig.directions.onion import Onion, from_meridian, from_onion, to_meridian, to_onion
 from simrig.directions.schemes import SCHEMES, HemisphereScheme, Ring, scheme, uniform_scheme
 from simrig.directions.spherical import (
+    acute_angle,
     azimuth,
     horizontal,
     to_angles,
+    to_upper_angles,
     to_vector,
     turned,
     wrap_angle,
@@ -23,6 +25,7 @@ __all__ = [
     "HemisphereScheme",
     "Onion",
     "Ring",
+    "acute_angle",
     "azimuth",
     "from_half_difference",
     "from_meridian",
@@ -34,6 +37,7 @@ __all__ = [
     "to_half_difference",
     "to_meridian",
     "to_onion",
+    "to_upper_angles",
     "to_vector",
     "turned",
     "uniform_scheme",

@@ -46,7 +46,7 @@ from simrig.core.arrays import (
     where_colour,
 )
 from simrig.core.errors import SimrigError
-from simrig.directions import to_angles
+from simrig.directions import to_upper_angles
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class SliceBrdf(Brdf):
         return self.look_up_seen(self.seen(wi), self.seen(wv), tables)
 
     def seen(self, w: Array) -> Any:
-        return to_angles(w)
+        return to_upper_angles(w)
 
     def look_up_seen(self, light: Any, view: Any, tables: Any) -> Array:
         return self._interpolate(tables, *light, *view)

@@ -22,6 +22,7 @@ from simrig.core.arrays import (
 )
 from simrig.core.errors import SimrigError, check_known
 from simrig.core.gamut import CLIP
+from simrig.directions.spherical import acute_angle
 
 BEYOND = ("hold", "fade")
 _LARGEST_TABLE = 2**31 // 3  # colours that 32-bit indices of single channels can reach
@@ -136,7 +137,7 @@ class DenseTable(Brdf):
         """Return the two rows with their weights, and the fading factor (None without)."""
         x, y, z = components(direction)
         xp = namespace(x)
-        theta = xp.atan2(xp.sqrt(x * x + y * y), z)
+        theta = acute_angle(xp.sqrt(x * x + y * y), z)
         n_theta = self.values.shape[0]
         regular_end = (n_theta - 2) * self.theta_step
         last_step = self.theta_max - regular_end

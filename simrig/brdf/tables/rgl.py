@@ -30,6 +30,7 @@ from simrig.core.arrays import (
 )
 from simrig.core.errors import SimrigError, check_known
 from simrig.core.gamut import CLIP, GAMUTS, KEEP, outside
+from simrig.directions.spherical import acute_angle
 
 # f_r is the stored f_r · cos over the cosine, which is held from below at this value
 _SMALLEST_COSINE = 1e-6
@@ -212,10 +213,10 @@ def azimuth_to_unit(phi: Array) -> Array:
 
 
 def _angles(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """Return theta and phi in [-π, π] of a vector of any length; phi is 0 at the pole."""
+    """Return theta and phi in [-π, π] of a vector above the horizon; phi is 0 at the pole."""
     xp = namespace(x)
     # NumPy and Dr.Jit disagree on the azimuth of (-0, ±0): adding 0 turns -0 into 0
-    return xp.atan2(xp.sqrt(x * x + y * y), z), xp.atan2(y, x + 0.0)
+    return acute_angle(xp.sqrt(x * x + y * y), z), xp.atan2(y, x + 0.0)
 
 
 def _check_nodes(what: str, nodes: tuple[float, ...]) -> None:
