@@ -166,7 +166,8 @@ def _improve(mixture: Mixture, target: np.ndarray) -> tuple[float, Mixture]:
 def _scatter_root(lobe: Lobe, slope: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Return the lobe's matrix L after one update of the t distribution's scatter L Lᵀ."""
     x, y = slope[..., 0], slope[..., 1]
-    ux, uy = lobe.i_xx * x, lobe.i_yx * x + lobe.i_yy * y
+    i_xx, i_yx, i_yy = lobe.inverse()
+    ux, uy = i_xx * x, i_yx * x + i_yy * y
     total = share.sum()
     if not total > 1e-12:
         return np.array([[lobe.l_xx, 0.0], [lobe.l_yx, lobe.l_yy]])

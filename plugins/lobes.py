@@ -16,16 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from simrig.core.arrays import Array, components, namespace
+from simrig.directions.spherical import cos_sin_of_turn
 
 
 @dataclass(frozen=True)
 class Lobe:
-    """One lobe, every field a number (opaque on the device).
+    """One lobe, every field a number (opaque on the device; few, since every look-up reads them).
 
     Attributes:
         l_xx, l_yx, l_yy: the lower triangular matrix L.
-        i_xx, i_yx, i_yy: its inverse.
-        normalisation: 1 / (2π det L).
         bound: square of the smaller semi-axis of L, at most 1 (Eto and Tokuyoshi 2023, eq. 6).
         weight_normal, weight_grazing: share of the mixture for a viewer at the pole and at the
             horizon; linear in the cosine between them.
@@ -34,10 +33,6 @@ class Lobe:
     l_xx: Array
     l_yx: Array
     l_yy: Array
-    i_xx: Array
-    i_yx: Array
-    i_yy: Array
-    normalisation: Array
     bound: Array
     weight_normal: Array
     weight_grazing: Array
@@ -45,20 +40,20 @@ class Lobe:
     @classmethod
     def from_matrix(cls, matrix: np.ndarray, weights: np.ndarray) -> Lobe:
         """Return the lobe of a lower triangular (2, 2) matrix and its two weights."""
-        inverse = np.linalg.inv(matrix)
         smallest = np.linalg.svd(matrix, compute_uv=False)[-1]
         return cls(
             l_xx=float(matrix[0, 0]),
             l_yx=float(matrix[1, 0]),
             l_yy=float(matrix[1, 1]),
-            i_xx=float(inverse[0, 0]),
-            i_yx=float(inverse[1, 0]),
-            i_yy=float(inverse[1, 1]),
-            normalisation=float(1.0 / (2.0 * np.pi * np.linalg.det(matrix))),
             bound=float(min(smallest, 1.0) ** 2),
             weight_normal=float(weights[0]),
             weight_grazing=float(weights[1]),
         )
+
+    def inverse(self) -> tuple[Array, Array, Array]:
+        """Return the numbers xx, yx and yy of the inverse of L."""
+        xx, yy = 1.0 / self.l_xx, 1.0 / self.l_yy
+        return xx, -self.l_yx * xx * yy, yy
 
 
 @dataclass(frozen=True)
@@ -80,6 +75,8 @@ class Stretched:
         length: of that.
         k: factor that bounds the lobe to the hemisphere (Eto and Tokuyoshi 2023).
         share: of the lobe in the mixture.
+        inverse: of the lobe's matrix.
+        factor: of the density: 1 / (2π det L), over what of it the fixed direction decides.
     """
 
     x: Array
@@ -88,6 +85,8 @@ class Stretched:
     length: Array
     k: Array
     share: Array
+    inverse: tuple[Array, Array, Array]
+    factor: Array
 
 
 def stretched(lobe: Lobe, w_fixed: Array) -> Stretched:
@@ -101,7 +100,9 @@ def stretched(lobe: Lobe, w_fixed: Array) -> Stretched:
     s_squared = s * s
     k = (1.0 - lobe.bound) * s_squared / (s_squared + lobe.bound * z * z)
     share = lobe.weight_grazing + (lobe.weight_normal - lobe.weight_grazing) * z
-    return Stretched(sx, sy, z, length, k, share)
+    inverse = lobe.inverse()
+    factor = inverse[0] * inverse[2] * (0.5 / np.pi) / (k * z + length)
+    return Stretched(sx, sy, z, length, k, share, inverse, factor)
 
 
 def all_stretched(mixture: Mixture, w_fixed: Array) -> tuple[Stretched, ...]:
@@ -120,11 +121,12 @@ def lobe_pdf(lobe: Lobe, w_fixed: Array, w_sampled: Array, seen: Stretched | Non
     fx, fy, fz = components(w_fixed)
     ox, oy, oz = components(w_sampled)
     hx, hy, hz = fx + ox, fy + oy, fz + oz
-    ux = lobe.i_xx * hx
-    uy = lobe.i_yx * hx + lobe.i_yy * hy
+    i_xx, i_yx, i_yy = seen.inverse
+    ux = i_xx * hx
+    uy = i_yx * hx + i_yy * hy
     squared = hx * hx + hy * hy + hz * hz
     ratio = squared / (hz * hz + ux * ux + uy * uy)
-    return lobe.normalisation * ratio * ratio / (seen.k * seen.z + seen.length)
+    return seen.factor * ratio * ratio
 
 
 def mixture_pdf(
@@ -162,34 +164,42 @@ def sample_mixture(
     """
     seen = all_stretched(mixture, w_fixed) if seen is None else seen
     xp = namespace(v)
-    phi = (2.0 * np.pi) * u
-    cos_phi, sin_phi = xp.cos(phi), xp.sin(phi)
-    root = xp.sqrt(v)
-    chosen = (root * cos_phi, root * sin_phi, xp.sqrt(xp.maximum(1.0 - v, 0.0)))
+    cos_phi, sin_phi = cos_sin_of_turn(u)
     below: Array = 0.0
+    chosen: list[Array] = []
     for lobe, view in zip(mixture.lobes, seen, strict=True):
-        direction = _sample_lobe(lobe, w_fixed, cos_phi, sin_phi, v, view)
-        mine = (u_lobe >= below) & (u_lobe < below + view.share)
-        chosen = tuple(xp.select(mine, a, b) for a, b in zip(direction, chosen, strict=True))
+        numbers = [lobe.l_xx, lobe.l_yx, lobe.l_yy, view.x, view.y, view.length, view.k]
+        mine = u_lobe >= below  # or a later one's
+        chosen = [xp.select(mine, a, b) for a, b in zip(numbers, chosen or numbers, strict=True)]
         below = below + view.share
-    return chosen[0], chosen[1], chosen[2]
+    drawn = _sample_lobe(chosen, w_fixed, cos_phi, sin_phi, v)
+    root = xp.sqrt(v)
+    cosine = root * cos_phi, root * sin_phi, xp.sqrt(xp.maximum(1.0 - v, 0.0))
+    x, y, z = (xp.select(u_lobe < below, a, b) for a, b in zip(drawn, cosine, strict=True))
+    return x, y, z
 
 
 def _sample_lobe(
-    lobe: Lobe, w_fixed: Array, cos_phi: Array, sin_phi: Array, v: Array, seen: Stretched
+    numbers: list[Array], w_fixed: Array, cos_phi: Array, sin_phi: Array, v: Array
 ) -> tuple[Array, Array, Array]:
+    """Return a direction drawn from a lobe.
+
+    Args:
+        numbers: l_xx, l_yx and l_yy of the lobe; x, y, length and k of what it sees.
+    """
     xp = namespace(v)
-    inverse_length = 1.0 / seen.length
-    bz = seen.z * inverse_length
-    b = seen.k * bz
+    x, y, z = components(w_fixed)
+    l_xx, l_yx, l_yy, seen_x, seen_y, length, k = numbers
+    inverse_length = 1.0 / length
+    bz = z * inverse_length
+    b = k * bz
     cz = (1.0 - v) * (1.0 + b) - b
     sin_theta = xp.sqrt(xp.maximum(1.0 - cz * cz, 0.0))
-    mx = sin_theta * cos_phi + seen.x * inverse_length
-    my = sin_theta * sin_phi + seen.y * inverse_length
+    mx = sin_theta * cos_phi + seen_x * inverse_length
+    my = sin_theta * sin_phi + seen_y * inverse_length
     mz = cz + bz
-    hx = lobe.l_xx * mx
-    hy = lobe.l_yx * mx + lobe.l_yy * my
-    x, y, z = components(w_fixed)
+    hx = l_xx * mx
+    hy = l_yx * mx + l_yy * my
     # reflect about the unnormalised normal
     factor = 2.0 * (x * hx + y * hy + z * mz) / (hx * hx + hy * hy + mz * mz)
     return factor * hx - x, factor * hy - y, factor * mz - z

@@ -11,6 +11,7 @@ from simrig.directions.schemes import SCHEMES, HemisphereScheme, Ring, scheme, u
 from simrig.directions.spherical import (
     acute_angle,
     azimuth,
+    cos_sin_of_turn,
     horizontal,
     to_angles,
     to_upper_angles,
@@ -27,6 +28,7 @@ __all__ = [
     "Ring",
     "acute_angle",
     "azimuth",
+    "cos_sin_of_turn",
     "from_half_difference",
     "from_meridian",
     "from_onion",

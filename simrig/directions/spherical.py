@@ -19,8 +19,12 @@ TWO_PI = 2.0 * np.pi
 # holds with full precision (CUDA flushes smaller float32 numbers to zero).
 _POLE = 1e-37
 
+# Of sin πt and cos πt over [-1/2, 1/2], off by 3e-9 and 5e-8 at most: factors of t, t³, ... and 1, t²
+_SINE = (3.14159258057, -5.16770690021, 2.55003163584, -0.598046450564, 0.0772222490893)
+_COSINE = (0.999999953467, -4.93479285867, 4.05841191414, -1.33188016121, 0.219696798533)
+
 # Of Dr.Jit's single-precision arc tangent over [0, 1]: factors of t, t³, ... t¹³
-_TANGENT = (
+_ARC_TANGENT = (
     0.999999344,
     -0.333264977,
     0.198813424,
@@ -90,11 +94,33 @@ def acute_angle(opposite: Array, adjacent: Array) -> Array:
     t = dr.minimum(opposite, adjacent) / dr.maximum(opposite, adjacent)
     t2 = t * t
     t4 = t2 * t2
-    a, b, c, d, e, f, g = _TANGENT
+    a, b, c, d, e, f, g = _ARC_TANGENT
     low = dr.fma(t4, dr.fma(t2, d, c), dr.fma(t2, b, a))
     high = dr.fma(t4, g, dr.fma(t2, f, e))
     angle = t * dr.fma(t4 * t4, high, low)
     return dr.select(opposite > adjacent, 0.5 * np.pi - angle, angle)
+
+
+def cos_sin_of_turn(u: Array) -> tuple[Array, Array]:
+    """Return the cosine and the sine of 2πu for u in [0, 1].
+
+    In single precision by two short polynomials: 14 instructions in place of Dr.Jit's 61, which
+    serve any angle.
+    """
+    if not is_single(type(u)):
+        angle = TWO_PI * u
+        return namespace(u).cos(angle), namespace(u).sin(angle)
+    t = u - 0.5
+    sine, cosine = (_polynomial(t * t, factors) for factors in (_SINE, _COSINE))
+    sine = sine * t  # of half the angle less a quarter turn
+    return dr.fma(2.0 * sine, sine, -1.0), -2.0 * sine * cosine
+
+
+def _polynomial(x: Array, factors: tuple[float, ...]) -> Array:
+    value: Array = factors[-1]
+    for factor in reversed(factors[:-1]):
+        value = dr.fma(value, x, factor)
+    return value
 
 
 def turned(v: Array, angle: float) -> Array:
