@@ -19,7 +19,7 @@ TWO_PI = 2.0 * np.pi
 # holds with full precision (CUDA flushes smaller float32 numbers to zero).
 _POLE = 1e-37
 
-# Of sin πt and cos πt over [-1/2, 1/2], off by at most 3e-9 and 5e-8: factors of t, t³, … and 1, t², …
+# Of sin πt and cos πt over [-1/2, 1/2], off by 3e-9 and 5e-8: factors of t, t³, … and 1, t², …
 _SINE = (3.14159258057, -5.16770690021, 2.55003163584, -0.598046450564, 0.0772222490893)
 _COSINE = (0.999999953467, -4.93479285867, 4.05841191414, -1.33188016121, 0.219696798533)
 
