@@ -14,6 +14,7 @@ from simrig.core import backend
 from simrig.core.arrays import vector_type
 from simrig.directions import (
     azimuth,
+    cos_sin_of_turn,
     from_half_difference,
     from_meridian,
     from_onion,
@@ -22,6 +23,7 @@ from simrig.directions import (
     to_half_difference,
     to_meridian,
     to_onion,
+    to_upper_angles,
     to_vector,
     wrap_angle,
 )
@@ -318,3 +320,21 @@ def test_meridian_at_the_axis_and_below_the_horizon():
     alpha, beta = to_meridian(np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.6, 0.0, -0.8]]))
     assert np.allclose(alpha, [0.0, 0.0, np.pi - np.arcsin(0.6)])
     assert np.allclose(beta, [np.pi / 2, -np.pi / 2, 0.0])
+
+
+def test_short_formulas_are_as_right_as_single_precision(rng):
+    types = backend.types()
+    theta = np.concatenate([[0.0, 1e-6, np.pi / 4, 1.5707], rng.uniform(0.0, 1.5707, 5000)])
+    w = to_vector(theta, rng.uniform(0.0, 2.0 * np.pi, theta.size))
+    single = types.Array3(*w.T.astype(np.float32).copy())
+    found, exact = to_upper_angles(single), to_angles(np.array(single, dtype=np.float64).T)
+    np.testing.assert_allclose(np.array(found[0]), exact[0], rtol=3e-7, atol=1e-12)
+    assert np.abs(_short_way(np.array(found[1]) - exact[1])).max() < 2e-6
+    # with derivatives and in double precision they are those of every angle
+    np.testing.assert_array_equal(to_upper_angles(w), to_angles(w))
+
+    u = np.concatenate([np.linspace(0.0, 1.0, 5), rng.uniform(size=5000)]).astype(np.float32)
+    cosine, sine = (np.array(part, np.float64) for part in cos_sin_of_turn(types.Float(u)))
+    angle = 2.0 * np.pi * u.astype(np.float64)
+    assert np.abs(cosine - np.cos(angle)).max() < 4e-7
+    assert np.abs(sine - np.sin(angle)).max() < 4e-7
