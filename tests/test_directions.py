@@ -328,7 +328,7 @@ def test_short_formulas_are_as_right_as_single_precision(rng):
     w = to_vector(theta, rng.uniform(0.0, 2.0 * np.pi, theta.size))
     single = types.Array3(*w.T.astype(np.float32).copy())
     found, exact = to_upper_angles(single), to_angles(np.array(single, dtype=np.float64).T)
-    np.testing.assert_allclose(np.array(found[0]), exact[0], rtol=3e-7, atol=1e-12)
+    np.testing.assert_allclose(np.array(found[0]), exact[0], rtol=1e-6, atol=1e-12)
     assert np.abs(_short_way(np.array(found[1]) - exact[1])).max() < 2e-6
     # with derivatives and in double precision they are those of every angle
     np.testing.assert_array_equal(to_upper_angles(w), to_angles(w))

@@ -44,8 +44,8 @@ def pack_colours(values: Array) -> Array:
     wide: Any = dr.uint64_array_t(type(values))
     triple = 3 * dr.arange(uint, dr.width(values) // 3)
     channels = [dr.gather(type(values), dr.detach(values), triple + c) for c in range(3)]
-    words: Any = [dr.reinterpret_array(uint, channel) for channel in channels]
-    return _join(*(wide(part) for part in _kept(*words)))
+    kept = _kept(*(dr.reinterpret_array(uint, channel) for channel in channels))
+    return _join(*(wide(part) for part in kept))
 
 
 def _kept(red: Array, green: Array, blue: Array) -> tuple[Array, Array, Array]:
