@@ -62,7 +62,7 @@ def test_storage_is_that_of_table_d3():
 
 def test_plugin_benchmark_renders_every_material():
     results = plugins.run(resolution=32, spp=1, rounds=1, variant="llvm_ad_rgb")
-    assert len(results["rows"]) == 2 * 2 * 7
+    assert len(results["rows"]) == 2 * 2 * 8
     for row in results["rows"]:
         same = row["material"] in plugins.SAME_MATERIAL
         assert (row["delta_e"] is not None) == same
