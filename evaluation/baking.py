@@ -2,7 +2,7 @@
 
 Every form of ``FORMS`` is made from coarse to fine until its pictures are as near to those of the
 material as asked. Which of these is the cheapest is counted, not timed, in the code of its look-up
-(``simrig.evaluation.benchmarks.look_ups``): the choice does not depend on a busy machine.
+(``simrig.evaluation.instructions``): the choice does not depend on a busy machine.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from simrig.core.effects import Tolerance
 from simrig.core.errors import SimrigError, check_known
 from simrig.core.progress import Progress, tracked
 from simrig.directions.half_difference import from_half_difference
-from simrig.evaluation.benchmarks.look_ups import count
+from simrig.evaluation.instructions import count
 from simrig.evaluation.metrics.sphere_picture import SpherePicture
 from simrig.files.hdf5 import origin
 from simrig.plugins import make_bsdf

@@ -8,7 +8,7 @@ import pytest
 
 from simrig.brdf import Lambert, kurt_material
 from simrig.brdf.tables.resample import resample_dense
-from simrig.evaluation.benchmarks.look_ups import count
+from simrig.evaluation.instructions import count
 from simrig.plugins import make_bsdf
 
 
