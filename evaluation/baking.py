@@ -8,7 +8,7 @@ material as asked. Which of these is the cheapest is counted, not timed, in the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -37,6 +37,10 @@ from simrig.rendering.render import timed
 
 BAKED = "baked"  # in the provenance of a file
 _GATHER = 20.0  # instructions that take as long as one gather (a third of a table's time)
+# what else a sample costs, so that baked slices render twice as fast ('simrig bench plugins')
+_REST, _TABLE = 3000.0, 809 + 13 * _GATHER
+_LONGEST = 10.0  # seconds that baking takes, or finding that no form is within a tolerance
+_SHARE = 0.25  # of a picture's tolerance that is spent on baking
 _LIGHTS = (16, 4)  # of the two pictures that are compared
 _PAIRS, _ROUNDS = 1 << 19, 5  # of the timed look-ups
 _LARGEST_THETA = float(np.radians(89.0))
@@ -150,7 +154,7 @@ class Candidate:
     @property
     def cost(self) -> float:
         """Instructions, with gathers counted as what they take."""
-        return self.instructions + _GATHER * self.gathers
+        return _cost(self.instructions, self.gathers)
 
     def __str__(self) -> str:
         return f"{self.form} {self.level}".rstrip() + f" ΔE {self.delta_e:.2g}"
@@ -170,6 +174,11 @@ class Baked:
     itself: Candidate
     tried: tuple[Candidate, ...]
     tolerance: Tolerance
+
+    @property
+    def rest(self) -> Tolerance:
+        """What is left of the tolerance of a picture that was baked for (``bake_for``)."""
+        return replace(self.tolerance, value=self.tolerance.value * (1.0 / _SHARE - 1.0))
 
     @property
     def line(self) -> str:
@@ -195,11 +204,43 @@ class Baked:
         return {BAKED: about, "found": {"lines": [self.line]}}
 
 
-def bake(brdf: Brdf, tolerance: Tolerance, progress: Progress | None = None) -> Baked:
+def _cost(instructions: int, gathers: int) -> float:
+    return instructions + _GATHER * gathers
+
+
+def bake_for(brdf: Any, tolerance: Tolerance, seconds: float) -> Baked | None:
+    """Return a material baked for one picture, where that saves time.
+
+    Args:
+        brdf: what the picture looks up; nothing but a BRDF can be baked.
+        tolerance: of the picture; the baked form takes a quarter of it.
+        seconds: that the picture is expected to take without.
+
+    Returns:
+        None where less is expected to be saved than baking takes, or where nothing can be baked.
+    """
+    mine = isinstance(brdf, Brdf) and not isinstance(brdf, SpatialBrdf) and brdf.in_kernels
+    if not mine or tolerance.metric != "dE" or not backend.current().startswith("llvm"):
+        return None
+    if seconds < _LONGEST or origin(brdf).get(BAKED):
+        return None
+    own = _cost(**count(make_bsdf(brdf), sampled=True))
+    if seconds * (own - _TABLE) / (_REST + own) < _LONGEST:
+        return None
+    try:
+        return bake(brdf, replace(tolerance, value=tolerance.value * _SHARE), first=True)
+    except SimrigError:  # none within it
+        return None
+
+
+def bake(
+    brdf: Brdf, tolerance: Tolerance, progress: Progress | None = None, first: bool = False
+) -> Baked:
     """Return the cheapest form of a BRDF whose pictures stay within a tolerance.
 
     Args:
         tolerance: mean ΔE of pictures of a sphere under directional lights, ``dE``.
+        first: try no more forms once one is within the tolerance: they are dearer.
 
     Raises:
         SimrigError: another metric than ``dE``; a BTF; what is baked already; a variant of another
@@ -215,6 +256,8 @@ def bake(brdf: Brdf, tolerance: Tolerance, progress: Progress | None = None) -> 
     for name in tracked(FORMS, progress, str):
         made[name], found = _finest_needed(name, brdf, pictures, tolerance.value)
         tried.append(found)
+        if first and found.delta_e <= tolerance.value:
+            break
     within = [one for one in tried if one.delta_e <= tolerance.value]
     errors = ", ".join(map(str, tried))
     if not within:

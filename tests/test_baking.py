@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +95,27 @@ def test_the_command_stores_what_renders(quick, tmp_path: Path) -> None:
         refused = CliRunner().invoke(app, more)
         assert refused.exit_code == 2 and told in " ".join(refused.output.split())
     assert origin(read_brdf(output))[baking.BAKED] == about
+
+
+def test_a_picture_is_baked_for_where_that_pays(quick, monkeypatch) -> None:
+    table, allowed = _table(), Tolerance("dE", 8.0)
+    baked = baking.bake_for(table, allowed, 1e3)
+    assert baked is not None and baked.chosen.delta_e <= 2.0 and baked.rest == Tolerance("dE", 6.0)
+    assert len(baked.tried) == 2  # nothing dearer than the first that is good enough
+    assert baking.bake_for(table, allowed, 12.0) is None  # it would save less than it takes
+    assert baking.bake_for(table, Tolerance("dE", 1e-3), 1e3) is None  # no form is within it
+    assert baking.bake_for(table, Tolerance("psnr", 40.0), 1e3) is None
+    assert baking.bake_for(Lambert((0.3, 0.2, 0.1)), allowed, 1e3) is None  # nothing is cheaper
+    assert baking.bake_for(baked.brdf, allowed, 1e3) is None
+    assert baking.bake_for(None, allowed, 1e3) is None
+
+
+def test_render_bakes_unless_told_not_to(quick, monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(baking, "_LONGEST", 0.0)
+    source, picture = tmp_path / "table.h5", tmp_path / "picture.exr"
+    write_brdf(source, _table())
+    command = ["render", "--material", str(source), "--output", str(picture), "--overwrite"]
+    command += ["--resolution", "32", "--tolerance", "dE=8", "--json"]
+    said = json.loads(CliRunner().invoke(app, command).stdout)
+    assert said["baked"].startswith("baked as simplex") and said["plan"]["tolerance"] == "dE=6"
+    assert "baked" not in json.loads(CliRunner().invoke(app, [*command, "--no-bake"]).stdout)

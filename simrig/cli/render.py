@@ -24,6 +24,7 @@ from simrig.core.errors import SimrigError
 
 if TYPE_CHECKING:
     from simrig.core.effects import EffectPlan
+    from simrig.evaluation.baking import Baked
 
 _SPP = 64  # where nothing is planned
 
@@ -66,6 +67,10 @@ def render(
     verify: Annotated[
         bool, typer.Option(help="Check the planned picture against an independent estimate.")
     ] = True,
+    bake: Annotated[
+        bool,
+        typer.Option(help="Bake the material, with a quarter of the tolerance, where it pays."),
+    ] = True,
     define: Define = None,
     scale: Scale = None,
     sensor: Sensor = 0,
@@ -85,7 +90,7 @@ def render(
     if by_hand and (budget or effects.given):
         raise SimrigError("--spp and --integrator replace the plan: leave them or its options out")
     if by_hand:
-        frame.refuse_unused("without a plan nothing is verified", "verify")
+        frame.refuse_unused("without a plan nothing is verified or baked", "verify", "bake")
     if output.suffix.lower() != ".exr":
         frame.refuse_unused("the picture is no EXR", "png")
     files = [output]
@@ -93,6 +98,8 @@ def render(
         files.append(output.with_suffix(".png"))
 
     from contextlib import ExitStack
+    from dataclasses import replace
+    from functools import partial
 
     from simrig import planning
     from simrig.core import backend
@@ -111,9 +118,9 @@ def render(
             "scale_mm": scale_mm,
         }
         options = {key: value for key, value in options.items() if value is not None}
-        subject, about = _subject(scene, material, options, define, scale)
+        subject, look_up, about = _subject(scene, material, options, define, scale)
 
-        planned = None
+        planned, baked = None, None
         with frame.progress("rendering") as report:
             if by_hand:
                 chosen = None if integrator == "scene" else integrator
@@ -123,13 +130,21 @@ def render(
                 )
             else:
                 decided = planning.checked_overrides(**effects.overrides)
-                opened = planning.planned_subject(subject, decided, variant, exposure, sensor)
-                with opened as at_work:  # loaded once
-                    planned = effect_options.planned(at_work, effects, budget, thrifty=True)
-                    if verify:
-                        result, planned = planning.verified_render(at_work, planned, seed, report)
-                    else:
-                        result = planning.planned_render(at_work, planned, seed, report)
+                loading = decided, variant, exposure, sensor
+                at_work = held.enter_context(planning.planned_subject(subject, *loading))
+                planned = effect_options.planned(at_work, effects, budget, thrifty=True)
+                if bake and budget is None:
+                    baked = _baked(look_up, planned)
+                if baked is not None:
+                    subject = partial(subject, baked.brdf)
+                    at_work = held.enter_context(planning.planned_subject(subject, *loading))
+                    rest = replace(effects, tolerance=str(baked.rest))
+                    planned = effect_options.planned(at_work, rest, None, thrifty=True)
+                    about["baked"] = baked.line
+                if verify:
+                    result, planned = planning.verified_render(at_work, planned, seed, report)
+                else:
+                    result = planning.planned_render(at_work, planned, seed, report)
         if exposure is None:
             exposure = _exposure(planned, result.image)
         about |= {
@@ -153,6 +168,7 @@ def render(
             f"{result.run_seconds:.2f} s and {result.compile_seconds:.2f} s of compilation",
             *([f"environment: {about['environment']}"] if "environment" in about else []),
             *([result.film] if result.film else []),
+            *([baked.line] if baked else []),
             *_shown(planned),
         ],
     )
@@ -164,11 +180,11 @@ def _subject(
     options: dict[str, Any],
     define: list[str] | None,
     scale: float | None,
-) -> tuple[Any, dict]:
-    """Return what is rendered, for the current variant, and what it is for the report.
+) -> tuple[Any, Any, dict]:
+    """Return what is rendered, for the current variant, its material, and both for the report.
 
     A function that builds the dictionary of a built-in scene (again where a plan asks for another
-    variant), or the path of a scene file.
+    variant; of another material where it is given one), or the path of a scene file.
     """
     from simrig.cli.scene_argument import for_files, is_scene_file, scene_file
     from simrig.front_door.pictures import bsdf_of, looked_up
@@ -179,7 +195,7 @@ def _subject(
         given = [f"--{name}" for name in (*(["material"] if material else []), *options)]
         if given:
             raise SimrigError(f"'{scene}' is a scene of its own: leave out {', '.join(given)}")
-        return scene_file(scene, define, scale), {"scene": scene}
+        return scene_file(scene, define, scale), None, {"scene": scene}
     for_files(scene, define, scale)
     if material is None:
         raise SimrigError(f"the scene '{scene}' needs a --material: see 'simrig materials'")
@@ -191,10 +207,17 @@ def _subject(
         options["lights"], about["environment"] = made
     look_up, scale_mm = looked_up(material), options.pop("scale_mm", None)
 
-    def build() -> dict[str, Any]:
-        return build_scene(scene, bsdf_of(look_up, rotation, scale_mm), **options)
+    def build(material: Any = look_up) -> dict[str, Any]:
+        return build_scene(scene, bsdf_of(material, rotation, scale_mm), **options)
 
-    return build, about
+    return build, look_up, about
+
+
+def _baked(look_up: Any, planned: EffectPlan) -> Baked | None:
+    """Return the material baked for a planned picture, where that pays."""
+    from simrig.evaluation.baking import bake_for
+
+    return bake_for(look_up, planned.tolerance, planned.about["render_s"])
 
 
 def _exposure(planned: EffectPlan | None, image: Any) -> float:
