@@ -109,6 +109,17 @@ def test_a_killed_processing_ends_in_the_same_bits(recording, processed, tmp_pat
     assert {path.name for path in tmp_path.iterdir()} == {"out.h5"}
 
 
+def test_calibration_pictures_that_are_not_there_are_named(recording, tmp_path):
+    folder = copied(recording, tmp_path / "recording")
+    before = Chain(RecordedPictures(folder), Settings(pixels=16)).without
+    kept = sorted(path.stem for path in (folder / "calibration").glob("*.npz"))
+    for path in (folder / "calibration").glob("*.npz"):
+        path.unlink()
+    after = Chain(RecordedPictures(folder), Settings(pixels=16)).without
+    assert len(after) == len(before) + len(kept) and len(kept) > 0
+    assert all(f"no calibration/{name}.npz" in " ".join(after) for name in kept)
+
+
 def test_what_is_damaged_is_named_and_nothing_is_lost(recording, tmp_path):
     folder = copied(recording, tmp_path / "recording")
     whole = (folder / "poses" / "000005.npz").read_bytes()
@@ -208,6 +219,7 @@ def test_what_simrig_records_comes_back(tmp_path):
     about = run_json("process", "recording", tmp_path / "recording", "-o", tmp_path / "out.h5",
                      "--pixels", 24)  # fmt: skip
     assert about["marks_found"] == 3 and "plane of the marks" in about["plane"]["taken"]
+    assert about["without"] == []
     stack, truth = read_btf(tmp_path / "out.h5"), load_material("fabric112")
     centre = stack.images(np.arange(3)).astype(np.float64)[:, 8:16, 8:16].mean(axis=(1, 2))
     assert np.allclose(centre, truth.eval(*stack.directions), rtol=0.01)

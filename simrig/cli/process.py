@@ -339,12 +339,14 @@ def recording(
     at = found["plane"]
     if "z_mm" in at:
         shown.append(
-            f"surface at z = {at['z_mm']:.3f} ± {at['u_z_mm']:.3f} mm, tilt {at['theta_deg']:.2f}° "
-            f"at {at['phi_deg']:.0f}°"
+            f"surface at z = {at['z_mm']:.4f} ± {at['u_z_mm']:.4f} mm, tilt {at['theta_deg']:.3f}° "
+            f"± {at['u_tilt_deg']:.3f}° at {at['phi_deg']:.0f}° (k = 1), PCA error "
+            f"{at['pca_error_before']:.3f} → {at['pca_error_after']:.3f}"
         )
         shown += [f"doubt: {doubt}" for doubt in at["doubts"]]
     else:
         shown.append(at["taken"])
+    shown += found["without"]
     missed = found["poses"] - found["marks_found"]
     if missed:
         shown.append(f"{missed:,} poses are registered by the instrument's word, not by the frame")

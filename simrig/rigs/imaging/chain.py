@@ -127,6 +127,22 @@ class Chain:
             model = replace(model, saturation_DN=_ENDLESS)
         return merge(frames, taken["exposures"], model, seconds=taken.get("seconds"))
 
+    @property
+    def without(self) -> list[str]:
+        """What is left undone for want of a calibration picture, in a line each."""
+        undone = {
+            "white": "neither vignetting nor the response of each pixel is taken out",
+            "dark": "defective pixels are not looked for",
+            "chart": "colours stay the camera's own",
+        }
+        if self.cfa is None:
+            del undone["chart"]
+        return [
+            f"no calibration/{name}.npz: {what}"
+            for name, what in undone.items()
+            if self.recording.calibration(name) is None
+        ]
+
     @cached_property
     def white(self) -> np.ndarray | None:
         """Response of the pixels: what they show of 1/sr of irradiance, electrons per second."""

@@ -51,7 +51,8 @@ def process_recording(
 
     Returns:
         What was found: the plane, how many poses were registered by their marks, the share of
-        values that noise had made negative (they are 0), ΔE of the chart.
+        values that noise had made negative (they are 0), ΔE of the chart, and ``without``: a line
+        for every calibration picture that is not there.
 
     Raises:
         SimrigError: no recording, a damaged picture, numbers that cannot be, no room.
@@ -110,6 +111,7 @@ def process_recording(
         "marks_found": int(np.nansum(marked)),
         "negative_share": float(np.nanmean(negative)),
         "chart_mean_dE": errors,
+        "without": chain.without,
         "defects": 0 if chain.bad is None else int(chain.bad.sum()),
     }
 
