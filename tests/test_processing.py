@@ -260,6 +260,24 @@ def test_stages_work_on_files(tmp_path):
     assert not (tmp_path / "x.npz").exists()
 
 
+def test_a_jpeg_tells_shapes_but_no_light(tmp_path):
+    """A frame seen upright only: found in the JPEG, but too little for a camera."""
+    import cv2
+
+    picture = np.full((200, 240), 20, np.uint8)
+    cv2.rectangle(picture, (40, 30), (200, 170), 230, -1)
+    cv2.rectangle(picture, (60, 50), (180, 150), 60, -1)
+    views = [tmp_path / f"{name}.jpg" for name in "abc"]
+    for view in views:
+        cv2.imwrite(str(view), picture)
+    sizes = ("--frame-mm", "64x56", "--size-mm", 30, "--pitch-mm", 1)
+    said = bad_input("process", "register", *views, *sizes, "-o", tmp_path / "v.npz")
+    assert "do not tell the camera's focal length" in said
+    assert "made for a display" in bad_input(
+        "process", "flat", views[0], "--white", views[1], "-o", tmp_path / "x.npz"
+    )
+
+
 @pytest.mark.slow
 def test_more_processes_give_the_same_bits(recording, processed, tmp_path):
     output = tmp_path / "out.h5"

@@ -227,7 +227,7 @@ def register(
 
     width, height = sides(frame_mm, "--frame-mm are two sizes above 0 such as 64x64")
     marks = frame_corners(width, height)
-    pictures = [_grey(_read(file)) for file in files]
+    pictures = [_grey(_read(file, shapes_only=True)) for file in files]
     given = None if corners is None else _points(corners)
     found = []
     for file, picture in zip(files, pictures, strict=True):
@@ -355,10 +355,10 @@ def recording(
     return frame.Report({"output": output, **found}, shown)
 
 
-def _read(path: Path) -> np.ndarray:
+def _read(path: Path, shapes_only: bool = False) -> np.ndarray:
     from simrig.files.values import read_values
 
-    return read_values(path)
+    return read_values(path, shapes_only=shapes_only)
 
 
 def _write(path: Path, **arrays: np.ndarray) -> None:

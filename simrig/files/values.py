@@ -28,13 +28,14 @@ _BROKEN = (
 )  # fmt: skip
 
 
-def read_values(path: str | Path, name: str | None = None) -> np.ndarray:
+def read_values(path: str | Path, name: str | None = None, shapes_only: bool = False) -> np.ndarray:
     """Return the numbers of a picture or an array as they stand.
 
     Args:
         path: .npy, .npz (``name`` says which array, where it holds several), .exr, .hdr, .pfm
             (linear RGB; one channel where all are equal), .tif, .tiff and .png (raw numbers of 8
             or 16 bits or float, RGB order).
+        shapes_only: what is shown counts, not how bright: a JPEG serves as well, decoded.
 
     Raises:
         SimrigError: no such file, damaged, another format, no such array.
@@ -43,12 +44,18 @@ def read_values(path: str | Path, name: str | None = None) -> np.ndarray:
     ending = path.suffix.lower()
     if ending in (".npy", ".npz"):
         return _array(path, name)
-    if ending in (".exr", ".hdr", ".pfm"):
+    jpeg = ending in (".jpg", ".jpeg")
+    if ending in (".exr", ".hdr", ".pfm") or (jpeg and shapes_only):
         pixels = read_picture(path).pixels
         grey = bool(np.all(pixels == pixels[..., :1]))
         return pixels[..., 0] if grey else pixels
     if ending in (".tif", ".tiff", ".png"):
         return _decoded(path)
+    if jpeg:
+        raise SimrigError(
+            f"'{path}' is a JPEG, whose numbers are made for a display: take the camera's raw file, "
+            "developed to a linear 16-bit TIFF"
+        )
     hint = ": develop it to a linear 16-bit TIFF first" if ending in _RAW else ""
     raise SimrigError(f"'{path}' ends in none of {', '.join(READ)}{hint}")
 

@@ -182,6 +182,11 @@ def calibrate(
             "calibration failed: the marks must be seen from different directions, and belong to "
             f"one plane ({failed.err})"
         ) from failed
+    if not (np.all(np.isfinite(fitted)) and fitted[0, 0] > 0.0 and fitted[1, 1] > 0.0):
+        raise SimrigError(
+            "the views do not tell the camera's focal length: see the marks from more different "
+            "directions (a turn in the picture's plane tells nothing)"
+        )
     # OpenCV takes marks in float32: poses are found again in float64
     first = Camera(np.asarray(fitted), np.ravel(bends)[:5], _pose(turns[0], shifts[0]))
     return [first.posed(marks, view) for view in seen], float(error)
