@@ -261,18 +261,19 @@ def test_stages_work_on_files(tmp_path):
 
 
 def test_a_jpeg_tells_shapes_but_no_light(tmp_path):
-    """A frame seen upright only: found in the JPEG, but too little for a camera."""
+    """A frame turned in the picture's plane only: found in the JPEG, too little for a camera."""
     import cv2
 
     picture = np.full((200, 240), 20, np.uint8)
     cv2.rectangle(picture, (40, 30), (200, 170), 230, -1)
     cv2.rectangle(picture, (60, 50), (180, 150), 60, -1)
     views = [tmp_path / f"{name}.jpg" for name in "abc"]
-    for view in views:
-        cv2.imwrite(str(view), picture)
+    for view, degrees in zip(views, (0.0, 5.0, 10.0), strict=True):
+        turn = cv2.getRotationMatrix2D((120.0, 100.0), degrees, 1.0)
+        cv2.imwrite(str(view), cv2.warpAffine(picture, turn, (240, 200), borderValue=20))
     sizes = ("--frame-mm", "64x56", "--size-mm", 30, "--pitch-mm", 1)
     said = bad_input("process", "register", *views, *sizes, "-o", tmp_path / "v.npz")
-    assert "do not tell the camera's focal length" in said
+    assert "different directions" in said
     assert "made for a display" in bad_input(
         "process", "flat", views[0], "--white", views[1], "-o", tmp_path / "x.npz"
     )

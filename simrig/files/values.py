@@ -53,7 +53,7 @@ def read_values(path: str | Path, name: str | None = None, shapes_only: bool = F
         return _decoded(path)
     if jpeg:
         raise SimrigError(
-            f"'{path}' is a JPEG, whose numbers are made for a display: take the camera's raw file, "
+            f"'{path}' is a JPEG, whose numbers are made for a display: take the raw file, "
             "developed to a linear 16-bit TIFF"
         )
     hint = ": develop it to a linear 16-bit TIFF first" if ending in _RAW else ""
