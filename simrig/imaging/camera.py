@@ -20,6 +20,7 @@ from simrig.core.errors import SimrigError
 from simrig.imaging.checks import finite_array
 
 _FEWEST_MARKS, _FEWEST_VIEWS = 4, 3
+_UNTOLD = 0.2  # relative uncertainty of a focal length that is no knowledge
 _EXACT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
 
 
@@ -182,7 +183,8 @@ def calibrate(
             "calibration failed: the marks must be seen from different directions, and belong to "
             f"one plane ({failed.err})"
         ) from failed
-    if not (np.all(np.isfinite(fitted)) and fitted[0, 0] > 0.0 and fitted[1, 1] > 0.0):
+    told = guess is not None or _focal_uncertainty(points, turns, shifts, fitted) < _UNTOLD
+    if not (told and np.all(np.isfinite(fitted)) and min(fitted[0, 0], fitted[1, 1]) > 0.0):
         raise SimrigError(
             "the views do not tell the camera's focal length: see the marks from more different "
             "directions (a turn in the picture's plane tells nothing)"
@@ -190,6 +192,23 @@ def calibrate(
     # OpenCV takes marks in float32: poses are found again in float64
     first = Camera(np.asarray(fitted), np.ravel(bends)[:5], _pose(turns[0], shifts[0]))
     return [first.posed(marks, view) for view in seen], float(error)
+
+
+def _focal_uncertainty(
+    points: list[np.ndarray], turns: Any, shifts: Any, matrix: np.ndarray
+) -> float:
+    """Return the relative uncertainty of the focal length for marks known to 0.1 pixels."""
+    information = np.zeros((1 + 6 * len(points), 1 + 6 * len(points)))
+    for number, (marks, turn, shift) in enumerate(zip(points, turns, shifts, strict=True)):
+        _, slopes = cv2.projectPoints(marks, turn, shift, matrix, np.zeros(5))
+        own = np.zeros((len(slopes), len(information)))
+        own[:, 0] = slopes[:, 6] + slopes[:, 7]
+        own[:, 1 + 6 * number : 7 + 6 * number] = slopes[:, :6]
+        information += own.T @ own
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-30))  # units of poses and pixels
+    sizes, axes = np.linalg.eigh(information * np.outer(scale, scale))
+    variance = np.sum(axes[0] ** 2 / np.maximum(sizes, 1e-15))  # never none where nothing is told
+    return float(0.1 * np.sqrt(variance) * scale[0] / abs(matrix[0, 0]))
 
 
 def from_pose(matrix: Any, distortion: Any, camera_to_world: Any) -> Camera:
