@@ -17,7 +17,7 @@ from simrig.evaluation.metrics.mre import mre_estimate
 from simrig.files.load import load_material
 from simrig.methods import ALONE, METHODS, method
 from simrig.plans.listed import SchemePlan
-from simrig.plans.uniform import RegularGrid, largest_uniform_scheme
+from simrig.plans.uniform import RegularGrid, UniformPlan
 from simrig.reconstruction.scattered.pairs import pair_table
 from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_grid
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
@@ -171,11 +171,13 @@ def test_other_schemes_are_no_regular_grid(name):
     refused("no regular grid", reconstruct_regular_grid, measured)
 
 
-@pytest.mark.parametrize("samples", [435, 8910, 8911, 20_000, 1_000_000])
-def test_the_densest_scheme_for_some_samples(samples):
-    found = largest_uniform_scheme(samples).reciprocal_count
-    others = [uniform_scheme(index).reciprocal_count for index in range(1, 31)]
-    assert found == max(count for count in others if count <= samples)
+@pytest.mark.parametrize("reciprocal", [True, False])
+@pytest.mark.parametrize("samples", [841, 8910, 8911, 20_000, 1_000_000])
+def test_the_densest_scheme_for_some_samples(samples, reciprocal):
+    plan = UniformPlan.for_material(samples=samples, reciprocal=reciprocal)
+    schemes = [uniform_scheme(index) for index in range(1, 31)]
+    others = [s.reciprocal_count if reciprocal else s.pair_count for s in schemes]
+    assert len(plan.angles()) == max(count for count in others if count <= samples)
 
 
 @pytest.mark.parametrize("name", CONVENTIONAL)

@@ -16,14 +16,16 @@ from simrig.reconstruction.scattered.regular_grid import reconstruct_regular_gri
 from simrig.rigs.direct.gonioreflectometer import Gonioreflectometer
 
 
-@pytest.mark.parametrize("samples", [10, 300, 1034, 3230, 8911, 18721])
-def test_a_regular_grid_has_at_most_as_many_samples(samples: int) -> None:
-    plan = regular_grid(samples, math.radians(80.0))
-    assert 0.85 * samples <= plan.samples <= samples
+@pytest.mark.parametrize("reciprocal", [True, False])
+@pytest.mark.parametrize("samples", [16, 300, 1034, 3230, 8911, 18721])
+def test_a_regular_grid_has_at_most_as_many_samples(samples: int, reciprocal: bool) -> None:
+    plan = regular_grid(samples, math.radians(80.0), reciprocal)
+    assert 0.6 * samples <= plan.samples == len(plan.angles()) <= samples
 
 
 def test_a_regular_grid_needs_ten_samples() -> None:
     refused("at least 10", regular_grid, 9, 1.0)
+    refused("at least 16", regular_grid, 15, 1.0, False)
 
 
 def test_the_regular_grid_is_exact_at_its_nodes() -> None:

@@ -44,7 +44,8 @@ class UniformPlan(SchemePlan):
         cls, material: Brdf | None = None, *, samples: int = 8911, reciprocal: bool | None = None
     ) -> Self:
         """Return the plan of the densest scheme (see ``largest_uniform_scheme``)."""
-        return cls.of(largest_uniform_scheme(samples), once(material, reciprocal))
+        one_order = once(material, reciprocal)
+        return cls.of(largest_uniform_scheme(samples, one_order), one_order)
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,8 @@ class RegularGrid(ListedPlan):
     ) -> Self:
         """Return the grid for some samples (see ``regular_grid``)."""
         theta_max = math.radians(largest_theta_deg(material, theta_max_deg))
-        grid = regular_grid(samples, theta_max)
-        return cls(grid.thetas, grid.azimuths, grid.theta_max, once(material, reciprocal))
+        grid = regular_grid(samples, theta_max, once(material, reciprocal))
+        return cls(grid.thetas, grid.azimuths, grid.theta_max, grid.reciprocal)
 
     @property
     def one_order(self) -> bool:
@@ -124,7 +125,7 @@ class RegularGrid(ListedPlan):
         )
 
 
-def regular_grid(samples: int, theta_max: float) -> RegularGrid:
+def regular_grid(samples: int, theta_max: float, reciprocal: bool = True) -> RegularGrid:
     """Return a regular grid of at most ``samples`` samples, nearly all of them used.
 
     Of the grids that use 85 % of the samples or more (else: the most), the one whose neighbours
@@ -132,18 +133,23 @@ def regular_grid(samples: int, theta_max: float) -> RegularGrid:
 
     Args:
         theta_max: largest polar angle, in radians.
+        reciprocal: whether each unordered pair is measured once, or all ordered pairs.
 
     Raises:
         SimrigError: fewer samples than the smallest grid (two polar angles, three azimuths) has.
     """
-    most = int((math.sqrt(8.0 * samples + 1.0) - 1.0) / 2.0)  # largest D
+    # largest D
+    most = int((math.sqrt(8.0 * samples + 1.0) - 1.0) / 2.0) if reciprocal else math.isqrt(samples)
     plans = [
-        RegularGrid(rows + 1, (most - 1) // rows, theta_max)
+        RegularGrid(rows + 1, (most - 1) // rows, theta_max, reciprocal)
         for rows in range(1, max(2, most))
         if (most - 1) // rows >= 3
     ]
     if not plans:
-        raise SimrigError(f"{samples} samples are too few for a regular grid, it needs at least 10")
+        least = RegularGrid(2, 3, theta_max, reciprocal).samples
+        raise SimrigError(
+            f"{samples} samples are too few for a regular grid, it needs at least {least}"
+        )
     enough = [plan for plan in plans if plan.samples >= _LEAST_SHARE * samples]
 
     def unevenness(plan: RegularGrid) -> float:
@@ -155,20 +161,20 @@ def regular_grid(samples: int, theta_max: float) -> RegularGrid:
     return max(plans, key=lambda plan: (plan.samples, -unevenness(plan)))
 
 
-def largest_uniform_scheme(samples: int) -> HemisphereScheme:
+def largest_uniform_scheme(samples: int, reciprocal: bool = True) -> HemisphereScheme:
     """Return the densest of the thirty uniform schemes that takes at most ``samples`` samples.
 
     Args:
-        samples: wished number of samples, each an unordered pair of directions.
+        reciprocal: whether each unordered pair is measured once, or all ordered pairs.
 
     Raises:
         SimrigError: fewer samples than scheme 1 takes.
     """
     schemes = [uniform_scheme(index) for index in range(1, _SCHEMES + 1)]
-    fitting = [scheme for scheme in schemes if scheme.reciprocal_count <= samples]
+    taken = [one.reciprocal_count if reciprocal else one.pair_count for one in schemes]
+    fitting = [one for one, count in zip(schemes, taken, strict=True) if count <= samples]
     if not fitting:
         raise SimrigError(
-            f"{samples} samples are too few for a uniform scheme, the sparsest takes "
-            f"{schemes[0].reciprocal_count}"
+            f"{samples} samples are too few for a uniform scheme, the sparsest takes {taken[0]}"
         )
     return fitting[-1]
