@@ -11,12 +11,15 @@ a picture:
 - few samples do not meet what is rare. What one sample of a pixel shows, every pixel around it will
   meet as often (``planning.rare``). The largest deviations follow a power law (Hill's estimate
   of its exponent), and what it says lies beyond the largest that was found counts as well.
+
+What all this foretells is compared with a rehearsal of the picture (``planning.rehearsal``).
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +35,7 @@ MOST_SAMPLES = 1 << 20
 SAFETY = 1.05
 _TRIALS = 4
 _CERTAIN = 3.0  # standard errors
+_SEVERAL = 128  # pixels whose groups tell how well they are stratified
 _SEED = 7
 IN_A_PIXEL, ALONG_PATHS = 2, 8  # dimensions of what a sample draws
 
@@ -65,6 +69,8 @@ class SamplingNoise:
             parts: (n,) number of the part of the picture that each pixel lies in; one for all of
                 them by default.
             evenness: see ``View.evenness``.
+
+        ``rehearsed`` holds by samples per pixel what ``take_over`` was given.
         """
         self.evenness = evenness
         self.radiance = radiance
@@ -80,13 +86,46 @@ class SamplingNoise:
         self._sum = self._base.sum(axis=1)
         self._mean = self._sum / self._count if self._rare is None else self._rare.mean
         self._changes: dict[int, float] = {}
+        self.rehearsed: dict[float, float] = {}
 
     def change(self, spp: int) -> float:
         """Return the expected change of a picture of ``spp`` samples against the converged one."""
         if spp not in self._changes:
-            rare = self.tail.change(spp, self.pixels, self.display, self._mean)
+            rare = self._ratio(spp) * self._tail_change(spp)
             self._changes[spp] = math.hypot(SAFETY * self._seen(spp), rare)
         return self._changes[spp]
+
+    @property
+    def resolved(self) -> float:
+        """Samples per pixel whose stratification the samples themselves tell."""
+        if len(self.radiance) < _SEVERAL:
+            return 1.0
+        return max(self._count / max(self.groups, 1) / self.averaging, 1.0)
+
+    def foretold(self, spp: int) -> tuple[np.ndarray, float]:
+        """Return the change of each pixel (n,), and that of the picture by what was never met.
+
+        Both are those of an even filter, and of the samples alone.
+        """
+        even = copy(self)
+        even.evenness, even.rehearsed = 1.0, {}
+        return np.mean(even._steps(spp), axis=0), self._tail_change(spp)
+
+    def take_over(self, spp: int, ratio: float) -> None:
+        """Take over the ratio of what a rehearsal of ``spp`` samples shows to what was foretold."""
+        self.rehearsed[spp] = ratio
+        self._changes.clear()
+
+    def _ratio(self, spp: int) -> float:
+        """Return by how much noise exceeds what is foretold, as far as it was rehearsed."""
+        if not self.rehearsed:
+            return 1.0
+        known = sorted(({self.resolved: 1.0} | self.rehearsed).items())
+        places, ratios = zip(*known, strict=True)
+        return float(np.interp(math.log(spp), np.log(places), ratios))
+
+    def _tail_change(self, spp: int) -> float:
+        return self.tail.change(spp, self.pixels, self.display, self._mean)
 
     def at_most(self, spp: int) -> float:
         """Return the expected change with three standard errors over the looked-at pixels."""
@@ -136,7 +175,8 @@ class SamplingNoise:
             error = gain * error
             if rare and self._rare is not None and self._rare.any:
                 mean = self._mean
-                error = error + self._rare.errors(together, np.random.default_rng((_SEED, trial)))
+                met = self._rare.errors(together, np.random.default_rng((_SEED, trial)))
+                error = error + self._ratio(spp) * met
             noisy = np.maximum(mean + error, 0.0)
             changes.append(self.display.per_pixel(mean, noisy))
         return changes
@@ -181,13 +221,14 @@ class SamplingNoise:
         chance, so that their product is not stratified.
         """
         if self.groups < 2:
-            return 1.0
+            return self._ratio(spp)
         group = max(self._count // self.groups, 2)
         together = max(min(spp, self.per_pass) * self.averaging, 1.0)
         power = math.log(self._gain) / math.log(group)
         least = -0.5 / self.dimensions
         beyond = min(0.5 * power, least) if power < -0.5 / IN_A_PIXEL else least
         gain = float(min(together, group) ** power * max(together / group, 1.0) ** beyond)
+        gain *= self._ratio(spp)
         if self.dimensions == IN_A_PIXEL:
             return gain
         return math.sqrt(self.evenness * gain**2 + 1.0 - self.evenness)

@@ -58,6 +58,7 @@ from simrig.planning.overrides import (
 )
 from simrig.planning.planned import direct_light
 from simrig.planning.probe import PATH_SAMPLES, probe
+from simrig.planning.rehearsal import ROUNDS, rehearse
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
 from simrig.rendering import multijitter
@@ -166,8 +167,9 @@ def plan_subject(
         sampled = _particles(subject)
     missing = deeper + averaged
     noise = tolerance.times(_noise_share(sampled, tolerance, left_out(decisions) + missing))
-    (smoothing,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
-    spp, smoothing, random = _samples(sampled, smoothing, noise, seconds)
+    (several,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
+    with structure_within(subject.scene, within):
+        spp, smoothing, random = _rehearsed(sampled, several, noise, seconds, integrator)
     followed = integrator["type"] == light_tracer()["type"]
     caustic = not followed and sampled.mostly_rare(noise, spp) and specular_bodies(subject)
     if sampled.hopeless(noise) or caustic:
@@ -366,6 +368,22 @@ def _sampled(
         return SampledSubject(subject, seen.radiance, seconds, dimensions=dimensions)
 
     return looked_closer(found, noise, look)
+
+
+def _rehearsed(
+    sampled: SampledSubject,
+    decision: Decision,
+    noise: Tolerance,
+    seconds: float | None,
+    integrator: dict[str, Any],
+) -> tuple[int, Decision, float]:
+    """Return what ``_samples`` does once a rehearsal of the picture confirms it."""
+    found = _samples(sampled, decision, noise, seconds)
+    for _ in range(ROUNDS):
+        if not rehearse(sampled, integrator, noise, found[0]):
+            break
+        found = _samples(sampled, decision, noise, seconds)
+    return found
 
 
 def _samples(

@@ -45,15 +45,15 @@ class SampledSubject:
         """Return the expected change of a picture with ``spp`` samples per pixel."""
         if self.subject.source.pixel_centres:
             return 0.0
-        return self._noise(tolerance).change(spp)
+        return self.noise(tolerance).change(spp)
 
     def change_at_most(self, tolerance: Tolerance, spp: int) -> float:
         """Return the same with three standard errors over the looked-at pixels."""
-        return self._noise(tolerance).at_most(spp)
+        return self.noise(tolerance).at_most(spp)
 
     def needed(self, tolerance: Tolerance, allowed: float) -> tuple[int, float]:
         """Return the samples per pixel that keep the change within what is allowed."""
-        return self._noise(tolerance).samples_needed(allowed)
+        return self.noise(tolerance).samples_needed(allowed)
 
     def render_seconds(self, spp: int) -> float:
         """Return the seconds that the picture is expected to take, without compilation."""
@@ -67,17 +67,18 @@ class SampledSubject:
 
     def hopeless(self, tolerance: Tolerance) -> bool:
         """Whether no number of samples says how far the picture is off."""
-        return not self.subject.source.pixel_centres and self._noise(tolerance).tail.hopeless
+        return not self.subject.source.pixel_centres and self.noise(tolerance).tail.hopeless
 
     def mostly_rare(self, tolerance: Tolerance, spp: int) -> bool:
         """Return whether most of the noise of ``spp`` samples is of events that few pixels met."""
-        return not self.subject.source.pixel_centres and self._noise(tolerance).mostly_rare(spp)
+        return not self.subject.source.pixel_centres and self.noise(tolerance).mostly_rare(spp)
 
     def heavy_tailed(self, tolerance: Tolerance) -> bool:
         """Whether few of the samples carry much, so that more of them would tell more."""
-        return self._noise(tolerance).tail.heavy
+        return self.noise(tolerance).tail.heavy
 
-    def _noise(self, tolerance: Tolerance) -> SamplingNoise:
+    def noise(self, tolerance: Tolerance) -> SamplingNoise:
+        """Return what samples leave to chance, in the unit of a tolerance."""
         if tolerance.metric not in self._noises:
             self._noises[tolerance.metric] = self._new_noise(tolerance)
         return self._noises[tolerance.metric]

@@ -1,0 +1,105 @@
+"""A rehearsal of the picture: a few of its pixels, drawn twice with all of their samples.
+
+How far stratified samples go beyond those of a look, and how often what is rare comes, only as many
+samples as the picture has can tell. Pixels are drawn by how much they are expected to be off, and
+half of them evenly; the ratio of what their two halves differ by to what was foretold of them
+corrects the noise of the whole picture. It counts as far as so few pixels can tell it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from simrig.core.effects import Tolerance
+from simrig.planning.change import Display
+from simrig.planning.noise import nearest_samples
+from simrig.planning.sampled import SampledSubject
+from simrig.planning.view import SEED
+from simrig.rendering.render import made_integrator
+
+ROUNDS = 3  # of one picture at most: one may tell that it needs other samples
+_SHARE = 0.06  # of the samples of the picture
+_LITTLE = 1 << 14  # samples that cost no more than fewer
+_FEWEST, _MOST = 8, 128  # pixels
+_SAMPLES, _FEW = 1 << 21, 32  # in all, of as many pixels at least where there are more of each
+_ALIKE = 1.6  # numbers of samples whose rehearsal is the same
+_USUAL = 0.4  # by what what is foretold is usually off, as a logarithm
+
+
+def rehearse(
+    sampled: SampledSubject, integrator: dict[str, Any], tolerance: Tolerance, spp: int
+) -> bool:
+    """Draw some pixels as the picture will be, and correct what is foretold of its noise.
+
+    Args:
+        sampled: the looked-at pixels.
+        integrator: of the picture.
+        tolerance: in the unit of which noise is foretold.
+        spp: of the picture.
+
+    Returns:
+        Whether they were drawn; not where a look resolves as many samples, or draws no others.
+    """
+    view, noise = sampled.subject.view, sampled.noise(tolerance)
+    each = min(spp, noise.per_pass)
+    known = each <= noise.resolved and not noise.tail.heavy
+    if known or not view.stratified or sampled.subject.source.pixel_centres:
+        return False
+    if any(1.0 / _ALIKE < each / other < _ALIKE for other in noise.rehearsed):
+        return False
+    count = min(int(max(_SHARE * spp * view.pixels, _LITTLE) / (2.0 * each)), _MOST)
+    if count < _FEWEST:
+        return False
+    drawn = nearest_samples(min(each * noise.averaging, _SAMPLES / 2 / min(count, _FEW)))
+    count = min(count, _SAMPLES // (2 * drawn))
+    steps, never_met = noise.foretold(max(round(drawn / noise.averaging), 1))
+    pixel, weight = _pixels(steps, count)
+    blocks = np.pad(np.repeat(view.chosen[pixel], 2, axis=0), ((0, 0), (0, 2)), constant_values=1)
+    made = made_integrator(integrator)
+    radiance = view.radiance_of_blocks(blocks, made, drawn, SEED + each)
+    halves = radiance.reshape(count, 2, drawn, 3).mean(axis=2)
+    noise.take_over(each, _ratio(noise.display, halves, weight, steps[pixel], never_met))
+    return True
+
+
+def _pixels(steps: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return which of the pixels that change by (n,) steps are drawn, and what each stands for."""
+    chance = 1.0 / len(steps) + steps / max(float(steps.sum()), 1e-300)
+    ends = np.cumsum(chance / chance.sum())
+    place = (np.arange(count) + np.random.default_rng(SEED).random(count)) / count
+    pixel = np.minimum(np.searchsorted(ends, place), len(steps) - 1)
+    return pixel, 1.0 / chance[pixel]
+
+
+def _ratio(
+    display: Display,
+    halves: np.ndarray,
+    weight: np.ndarray,
+    foretold: np.ndarray,
+    never_met: float,
+) -> float:
+    """Return noise over what was foretold of it, drawn to 1 as far as the pixels cannot tell it.
+
+    Args:
+        display: measures changes.
+        halves: (n, 2, 3) radiance of pixels, drawn twice.
+        weight: (n,) how many pixels each stands for.
+        foretold: (n,) change of each.
+        never_met: change of the picture by what no look has met.
+    """
+    mean = halves.mean(axis=1)
+    apart = weight * display.per_pixel(halves[:, 0], halves[:, 1])
+    expected = weight * foretold
+    seen, told = (display.of_mean(float(x.sum() / weight.sum()), mean) for x in (apart, expected))
+    told = math.hypot(told, never_met)
+    if seen <= 0.0 or told <= 0.0:
+        return 1.0
+    # the changes of psnr are squares: they vary by twice as much as their root
+    power = 0.5 if display.tolerance.metric == "psnr" else 1.0
+    scale = float(expected.sum() / apart.sum())
+    error = power * math.sqrt(float(((apart * scale - expected) ** 2).sum())) / expected.sum()
+    certain = _USUAL**2 / (_USUAL**2 + error**2)
+    return float((seen / math.sqrt(2.0) / told) ** certain)
