@@ -38,6 +38,24 @@ def test_a_small_picture_is_not_looked_at() -> None:
     assert not looked.about["unlooked"]
 
 
+def test_paths_that_are_called_for_bring_the_rest() -> None:
+    """Of many samples as well: what is reflected twice changes more than may be left out."""
+    plan = plan_scene(_floor(), "dE=0.02", thrifty=True)
+    assert "paths" in plan.about["unlooked"] and plan.settings["depth"] == -1
+
+
+def test_what_takes_longer_without_it_stays() -> None:
+    """Tolerance that is used up by what is left out is paid for in samples."""
+    lamp = plate(4.0, 0.6, emitter=AREA, flip_normals=True)
+    for amount in (0.05, 0.1, 0.2):
+        scene = over_a_floor(floor=plate(0.0, 4.0, 0.06), card=plate(1.0, 0.5, 0.06), lamp=lamp)
+        scene["sensor"]["film"] |= {"width": 96, "height": 96}
+        with planned_subject(scene) as at_work:
+            plan = plan_scene(at_work, f"dE={amount}", thrifty=True)
+            full = plan_scene(at_work, f"dE={amount}", everything=True, thrifty=True)
+        assert plan.settings["spp"] <= full.settings["spp"] or not plan.about["unlooked"]
+
+
 def test_what_needs_no_look_is_left_out() -> None:
     """One convex body under a lamp without a size: direct light is all, and proved to be."""
     ball = simple(s={"type": "sphere", "bsdf": {"type": "diffuse"}}, e=POINT)
@@ -46,7 +64,9 @@ def test_what_needs_no_look_is_left_out() -> None:
 
 
 def test_pictures_of_many_samples_and_doubtful_ones_are_looked_at() -> None:
-    assert not plan_scene(_floor(), "dE=0.02", thrifty=True).about["unlooked"]
+    lamp = plate(4.0, 0.6, emitter=AREA, flip_normals=True)
+    dark = over_a_floor(card=plate(1.0, 0.5, 0.0), floor=plate(0.0, 4.0, 0.01), lamp=lamp)
+    assert not plan_scene(dark, "dE=0.02", thrifty=True).about["unlooked"]
     mirror = plate(1.0, 0.5) | {"bsdf": {"type": "conductor"}}
     doubtful = plan_scene(over_a_floor(mirror=mirror, e=POINT), "dE=2", thrifty=True)
     assert not doubtful.about["unlooked"]

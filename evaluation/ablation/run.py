@@ -26,7 +26,7 @@ from simrig.evaluation.metrics.images import foreground_mask, psnr_from_mse
 from simrig.evaluation.metrics.replicates import Change, difference, distances
 from simrig.planning import plan_scene, planned_render
 from simrig.planning.environment import ENVIRONMENT
-from simrig.planning.planner import LEFT_OUT_SHARE
+from simrig.planning.everything import LEFT_OUT_SHARE
 from simrig.rendering.render import RenderResult
 
 ANTI_ALIASING = "anti-aliasing"

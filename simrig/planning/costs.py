@@ -16,7 +16,15 @@ from simrig.planning.subject import SceneSubject
 from simrig.rendering.render import render, timed
 
 USUAL_SPP = 16  # for estimates, before the samples per pixel are known
+_CHECK_SHARE = 0.04  # of the time of the picture
+_FEWEST_SECONDS, _LITTLE_SECONDS = 0.04, 0.2  # of a check beside what takes little time itself
 _WAVELENGTHS = 1.5  # a spectral sample over an RGB one
+
+
+def check_seconds(render_seconds: float) -> float:
+    """Return the seconds that a picture is worth to be checked for."""
+    little = min(_FEWEST_SECONDS + render_seconds, _LITTLE_SECONDS)
+    return max(_CHECK_SHARE * render_seconds, little)
 
 
 def shadow_seconds(subject: SceneSubject) -> float:

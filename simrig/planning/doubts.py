@@ -96,10 +96,12 @@ def light_tracing_may_see(subject: SceneSubject) -> bool:
     Particles miss what it looks at through, or by way of, something specular.
     """
     specular = [] if subject.survey.needs_volpath else specular_bodies(subject)
+    if not specular:  # asked first: what the camera sees takes a look
+        return False
     seen = {
         id(subject.survey.bodies[index]) for index in np.unique(subject.probe.body) if index >= 0
     }
-    return bool(specular) and not any(id(body) in seen for body in specular)
+    return not any(id(body) in seen for body in specular)
 
 
 def possible_caustics(subject: SceneSubject) -> Doubt | None:

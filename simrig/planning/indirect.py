@@ -166,6 +166,23 @@ def sampled_changes(probe: PathProbe, display: Display, brightest: float) -> lis
     return changes
 
 
+def least_change(probe: PathProbe, display: Display) -> float:
+    """Return what leaving out all indirect orders changes at least.
+
+    Noise adds to the mean change, and to that of halves √2 times as much: taken off by that.
+    """
+    full = probe.halves.sum(axis=0)
+    lit = (full > 0.0).any(axis=(1, 2))
+    if not lit.any():
+        return 0.0
+    direct, full = probe.halves[0, lit], full[lit]
+    whole = display.per_pixel(direct.mean(axis=1), full.mean(axis=1))
+    halves = np.mean([display.per_pixel(direct[:, half], full[:, half]) for half in (0, 1)])
+    mean, error = float(whole.mean()), float(whole.std()) / math.sqrt(whole.size)
+    noise = max(float(halves) - mean, 0.0) / (math.sqrt(2.0) - 1.0)
+    return display.of_mean(max(mean - noise - _CERTAIN * error, 0.0), full.mean(axis=1))
+
+
 def _mean_change(
     display: Display, before: np.ndarray, after: np.ndarray
 ) -> tuple[float, float, float]:

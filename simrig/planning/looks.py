@@ -12,8 +12,9 @@ from collections.abc import Callable
 from weakref import proxy
 
 from simrig.core.effects import Tolerance
-from simrig.planning.indirect import FEW_PATHS, PATHS
+from simrig.planning.indirect import FEW_PATHS, PATHS, least_change
 from simrig.planning.integrators import UNLIMITED
+from simrig.planning.mesostructure import structured_materials
 from simrig.planning.noise import ALONG_PATHS, IN_A_PIXEL
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
@@ -21,9 +22,14 @@ from simrig.planning.subject import SceneSubject
 MOST_SECONDS = 200.0  # that a picture takes when nothing is said of its time
 _SHARE = 0.02  # of the samples of the picture, in one look
 # The samples of a picture with everything that cost no less than looks and a check, which are a
-# fifth of them and a dozen programs, each to be made and compiled.
-_WORTH_LOOKS = 1 << 20
-_SHARE_OF_FEW = 0.25  # of these samples, in a look that foretells noise alone
+# tenth of them and a dozen programs, each to be made and compiled.
+_WORTH_LOOKS = 1 << 22
+COSTS_MORE = "nothing was looked for that could be left out: that costs more than the whole picture"
+COMES_WITH_PATHS = (
+    "nothing was looked for that could be left out: inter-reflection is called for, and paths "
+    "bring the rest with them"
+)
+_SHARE_OF_FEW = 0.25  # of few samples, or of those that have a heavy tail, in a look at them
 MORE_SAMPLES = (64, 256, 1024)  # of each looked-at pixel, where orders are not told apart
 
 
@@ -38,36 +44,48 @@ def size_looks(subject: SceneSubject, noise: Tolerance) -> None:
         return
     if subject.path_count < PATHS[0] and subject.looks_pay:
         subject.look_along_paths(PATHS[0])
-    share = _SHARE if subject.looks_pay else _SHARE_OF_FEW
     while True:
         sampled = everything_sampled(subject)
-        subject.affordable_paths = int(share * _samples(sampled, noise))
-        least = PATHS[1] if sampled.heavy_tailed(noise) else subject.path_count
+        samples = _samples(sampled, noise)
+        few = not subject.looks_pay and samples <= _WORTH_LOOKS
+        subject.affordable_paths = int((_SHARE_OF_FEW if few else _SHARE) * samples)
+        most = subject.affordable_paths
+        if sampled.heavy_tailed(noise):
+            most = max(most, min(PATHS[1], int(_SHARE_OF_FEW * samples)))
         larger = next((n for n in PATHS if n > subject.path_count), math.inf)
-        if larger > max(subject.affordable_paths, least):
+        if larger > most:
             return
         subject.look_along_paths(int(larger))  # which may tell that the picture is worth less
 
 
-def looks_pay(subject: SceneSubject, noise: Tolerance) -> bool:
-    """Return whether looking for what can be left out may save more than it costs.
+def unlooked_because(subject: SceneSubject, allowed: Tolerance, noise: Tolerance) -> str:
+    """Return why nothing has to be looked for that may be left out; empty where it may pay.
 
-    It does not where the picture with everything takes few samples, none of which carries much,
-    and structure gives no reason to doubt them.
+    It does not where the picture with everything takes few samples, and where paths are needed
+    that bring all the rest with them; unless few of the samples carry much, or structure gives a
+    reason to doubt them.
 
     Args:
         subject: the scene.
+        allowed: what all that is left out may change.
         noise: that the samples of the picture may leave.
     """
-    if subject.pixels > _WORTH_LOOKS:
-        return True
     if subject.tells_orders and not subject.path_count:
         subject.look_along_paths(FEW_PATHS)
     sampled = everything_sampled(subject)
-    if sampled.heavy_tailed(noise):
-        return True
+    if sampled.heavy_tailed(noise) or subject.doubts(noise):
+        return ""
+    if needs_paths(subject, allowed):
+        return COMES_WITH_PATHS
     needed, _ = sampled.needed(noise, noise.amount)
-    return needed * subject.pixels > _WORTH_LOOKS or bool(subject.doubts(noise))
+    return COSTS_MORE if needed * subject.pixels <= _WORTH_LOOKS else ""
+
+
+def needs_paths(subject: SceneSubject, allowed: Tolerance) -> bool:
+    """Return whether leaving out inter-reflection surely changes too much, and BTFs are none."""
+    if not subject.tells_orders or structured_materials(subject.scene):
+        return False
+    return least_change(subject.paths, subject.display(allowed)) > allowed.amount
 
 
 def looked_closer(

@@ -7,7 +7,6 @@ beyond the path depth use what remains of it), the other half for the noise of s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
@@ -36,15 +35,21 @@ from simrig.planning.doubts import (
 )
 from simrig.planning.effects import ANTI_ALIASING, SCENE_EFFECTS, SPECTRAL
 from simrig.planning.environment import ENVIRONMENT, decide_environment, without_map
+from simrig.planning.everything import (
+    EVERYTHING,
+    LEFT_OUT_SHARE,
+    all_stays,
+    noise_share,
+    quicker_with_everything,
+    why_unlooked,
+)
 from simrig.planning.expectation import expectation
 from simrig.planning.integrators import DIRECT_DEPTH, UNLIMITED, path_integrator
 from simrig.planning.light_tracing import PARTICLES, light_tracer
 from simrig.planning.loading import planned_subject, planning_times
 from simrig.planning.looks import (
-    MOST_SECONDS,
     everything_sampled,
     looked_closer,
-    looks_pay,
     size_looks,
 )
 from simrig.planning.mesostructure import MESOSTRUCTURE, decide_mesostructure, structure_within
@@ -58,19 +63,15 @@ from simrig.planning.overrides import (
 )
 from simrig.planning.planned import direct_light
 from simrig.planning.probe import PATH_SAMPLES, probe
-from simrig.planning.rehearsal import ROUNDS, rehearse
+from simrig.planning.rehearsal import samples_rehearsed
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.subject import SceneSubject
 from simrig.rendering import multijitter
 from simrig.rendering import render as rendering
 
-LEFT_OUT_SHARE = 0.5  # of the tolerance; the rest is for the noise of sampling
-_ENOUGH = 0.25  # of the noise that is allowed: time that is left over buys no less than that
 _DEEPER = 0.3  # of what is left for what is left out, for the orders beyond the depth
 _WORTH_PARTICLES = 16  # samples of a picture by paths for each particle that is followed first
-_NOISE_SHARE = 0.7  # of what is left of a tolerance, see ``_noise_share``
 OVER_TIME = (0.25, 1.0, 4.0)  # of the samples, for the table of error over seconds
-_UNLOOKED = "nothing was looked for that could be left out: that costs more than the whole picture"
 _RARE = Doubt(
     "few samples carry most of the light, and more that were not met may carry as much",
     "a larger light, a rougher surface or the integrator 'ptracer' would help",
@@ -142,9 +143,13 @@ def plan_subject(
     """
     check_possible(subject, overrides)
     allowed, noise = (tolerance.times(s) for s in (LEFT_OUT_SHARE, 1.0 - LEFT_OUT_SHARE))
-    asked = not thrifty or overrides != Overrides()
-    subject.looks_pay = asked or looks_pay(subject, noise)
-    size_looks(subject, noise)
+    thrifty = thrifty and overrides in (Overrides(), EVERYTHING)
+    unlooked = ""
+    for _ in range(2):  # a larger look may tell what the first one could not
+        if thrifty and not unlooked:
+            unlooked = why_unlooked(subject, allowed, noise, overrides)
+        subject.looks_pay = not unlooked
+        size_looks(subject, noise)
     subject.follows_paths = must_follow_paths(subject, overrides, allowed)
     decisions = decide(SCENE_EFFECTS, subject, allowed, concerning(overrides, SCENE_EFFECTS))
     decisions = _as_the_variant_allows(subject, decisions)
@@ -166,11 +171,15 @@ def plan_subject(
         subject.show_particles()
         sampled = _particles(subject)
     missing = deeper + averaged
-    noise = tolerance.times(_noise_share(sampled, tolerance, left_out(decisions) + missing))
+    noise = tolerance.times(noise_share(sampled, tolerance, left_out(decisions) + missing))
     (several,) = decide((ANTI_ALIASING,), sampled, noise, concerning(overrides, (ANTI_ALIASING,)))
-    with structure_within(subject.scene, within):
-        spp, smoothing, random = _rehearsed(sampled, several, noise, seconds, integrator)
     followed = integrator["type"] == light_tracer()["type"]
+    may_stay = thrifty and overrides == Overrides() and seconds is None and not followed
+    may_stay = may_stay and left_out(decisions) + missing > 0.0
+    if may_stay and quicker_with_everything(sampled, tolerance, noise):
+        return all_stays(plan_subject(subject, tolerance, EVERYTHING, thrifty=True), decisions)
+    with structure_within(subject.scene, within):
+        spp, smoothing, random = samples_rehearsed(sampled, several, noise, seconds, integrator)
     caustic = not followed and sampled.mostly_rare(noise, spp) and specular_bodies(subject)
     if sampled.hopeless(noise) or caustic:
         doubts = (*doubts, _RARE)
@@ -195,23 +204,12 @@ def plan_subject(
         "render_s": sampled.render_seconds(spp),
         "noise": random,
         "doubts": [doubt.what for doubt in doubts],
-        "unlooked": "" if subject.looks_pay else _UNLOOKED,
+        "unlooked": unlooked,
         "over_time": _over_time(sampled, noise, left_out(decisions) + missing, spp),
         **expected,
     }
     costed = tuple(_costed(_explained(subject, decision), spp) for decision in decisions)
     return EffectPlan((*costed, smoothing), settings, tolerance, about)
-
-
-def _noise_share(sampled: SampledSubject, tolerance: Tolerance, missing: float) -> float:
-    """Return the share of a tolerance for the noise of sampling.
-
-    Most of what nothing else uses, since expected noise is an estimate; half of the tolerance at
-    least, and no more than that where the samples have a heavy tail, of which less is known.
-    """
-    if sampled.heavy_tailed(tolerance):
-        return 1.0 - LEFT_OUT_SHARE
-    return max(1.0 - LEFT_OUT_SHARE, _NOISE_SHARE * (1.0 - missing / tolerance.amount))
 
 
 def _standing_doubts(
@@ -368,42 +366,3 @@ def _sampled(
         return SampledSubject(subject, seen.radiance, seconds, dimensions=dimensions)
 
     return looked_closer(found, noise, look)
-
-
-def _rehearsed(
-    sampled: SampledSubject,
-    decision: Decision,
-    noise: Tolerance,
-    seconds: float | None,
-    integrator: dict[str, Any],
-) -> tuple[int, Decision, float]:
-    """Return what ``_samples`` does once a rehearsal of the picture confirms it."""
-    found = _samples(sampled, decision, noise, seconds)
-    for _ in range(ROUNDS):
-        if not rehearse(sampled, integrator, noise, found[0]):
-            break
-        found = _samples(sampled, decision, noise, seconds)
-    return found
-
-
-def _samples(
-    sampled: SampledSubject, decision: Decision, allowed: Tolerance, seconds: float | None
-) -> tuple[int, Decision, float]:
-    """Return the samples per pixel, the decision about them with its settings, and their noise."""
-    if decision.bound is None or decision.bound.absent:
-        return 1, decision, 0.0
-    fills = seconds is not None and math.isfinite(seconds)
-    if not decision.on and not fills:
-        return 1, decision, sampled.change(allowed, 1)
-    spp, change = sampled.needed(allowed, allowed.amount)
-    reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
-    most = sampled.samples_within(MOST_SECONDS if seconds is None else seconds)
-    if fills:
-        most = min(most, sampled.needed(allowed, _ENOUGH * allowed.amount)[0])
-    if most < spp or fills:
-        reached = "" if fills else f", above its share: more take {MOST_SECONDS:g} s"
-        spp, change = most, sampled.change(allowed, most)
-    why = f"{decision.why}; {spp} samples per pixel leave {change:.3g}{reached}"
-    cost = decision.cost_s * (spp - 1) / (USUAL_SPP - 1)
-    cost = cost if math.isfinite(cost) else 0.0
-    return spp, replace(decision, on=spp > 1, why=why, cost_s=cost), change

@@ -9,18 +9,22 @@ corrects the noise of the whole picture. It counts as far as so few pixels can t
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from simrig.core.effects import Tolerance
+from simrig.core.effects import Decision, Tolerance
 from simrig.planning.change import Display
-from simrig.planning.noise import nearest_samples
+from simrig.planning.costs import USUAL_SPP
+from simrig.planning.looks import MOST_SECONDS
 from simrig.planning.sampled import SampledSubject
 from simrig.planning.view import SEED
+from simrig.rendering import multijitter
 from simrig.rendering.render import made_integrator
 
-ROUNDS = 3  # of one picture at most: one may tell that it needs other samples
+_ROUNDS = 3  # of one picture at most: one may tell that it needs other samples
+_ENOUGH = 0.25  # of the noise that is allowed: time that is left over buys no less than that
 _SHARE = 0.06  # of the samples of the picture
 _LITTLE = 1 << 14  # samples that cost no more than fewer
 _FEWEST, _MOST = 8, 128  # pixels
@@ -29,7 +33,23 @@ _ALIKE = 1.6  # numbers of samples whose rehearsal is the same
 _USUAL = 0.4  # by what what is foretold is usually off, as a logarithm
 
 
-def rehearse(
+def samples_rehearsed(
+    sampled: SampledSubject,
+    decision: Decision,
+    noise: Tolerance,
+    seconds: float | None,
+    integrator: dict[str, Any],
+) -> tuple[int, Decision, float]:
+    """Return what ``_samples`` does once a rehearsal of the picture confirms it."""
+    found = _samples(sampled, decision, noise, seconds)
+    for _ in range(_ROUNDS):
+        if not _rehearse(sampled, integrator, noise, found[0]):
+            break
+        found = _samples(sampled, decision, noise, seconds)
+    return found
+
+
+def _rehearse(
     sampled: SampledSubject, integrator: dict[str, Any], tolerance: Tolerance, spp: int
 ) -> bool:
     """Draw some pixels as the picture will be, and correct what is foretold of its noise.
@@ -53,7 +73,7 @@ def rehearse(
     count = min(int(max(_SHARE * spp * view.pixels, _LITTLE) / (2.0 * each)), _MOST)
     if count < _FEWEST:
         return False
-    drawn = nearest_samples(min(each * noise.averaging, _SAMPLES / 2 / min(count, _FEW)))
+    drawn = multijitter.nearest_grid(min(each * noise.averaging, _SAMPLES / 2 / min(count, _FEW)))
     count = min(count, _SAMPLES // (2 * drawn))
     steps, never_met = noise.foretold(max(round(drawn / noise.averaging), 1))
     pixel, weight = _pixels(steps, count)
@@ -103,3 +123,26 @@ def _ratio(
     error = power * math.sqrt(float(((apart * scale - expected) ** 2).sum())) / expected.sum()
     certain = _USUAL**2 / (_USUAL**2 + error**2)
     return float((seen / math.sqrt(2.0) / told) ** certain)
+
+
+def _samples(
+    sampled: SampledSubject, decision: Decision, allowed: Tolerance, seconds: float | None
+) -> tuple[int, Decision, float]:
+    """Return the samples per pixel, the decision about them with its settings, and their noise."""
+    if decision.bound is None or decision.bound.absent:
+        return 1, decision, 0.0
+    fills = seconds is not None and math.isfinite(seconds)
+    if not decision.on and not fills:
+        return 1, decision, sampled.change(allowed, 1)
+    spp, change = sampled.needed(allowed, allowed.amount)
+    reached = "" if change <= allowed.amount else ", above its share: more samples were not tried"
+    most = sampled.samples_within(MOST_SECONDS if seconds is None else seconds)
+    if fills:
+        most = min(most, sampled.needed(allowed, _ENOUGH * allowed.amount)[0])
+    if most < spp or fills:
+        reached = "" if fills else f", above its share: more take {MOST_SECONDS:g} s"
+        spp, change = most, sampled.change(allowed, most)
+    why = f"{decision.why}; {spp} samples per pixel leave {change:.3g}{reached}"
+    cost = decision.cost_s * (spp - 1) / (USUAL_SPP - 1)
+    cost = cost if math.isfinite(cost) else 0.0
+    return spp, replace(decision, on=spp > 1, why=why, cost_s=cost), change

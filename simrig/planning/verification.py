@@ -20,6 +20,7 @@ import numpy as np
 
 from simrig.core.effects import DISABLED, EffectPlan, Overrides, replaced
 from simrig.planning.change import Display
+from simrig.planning.costs import check_seconds
 from simrig.planning.integrators import UNLIMITED, path_integrator
 from simrig.planning.light_tracing import light_tracer
 from simrig.planning.loading import subject_of_plan
@@ -30,8 +31,6 @@ from simrig.planning.survey import Survey
 from simrig.planning.view import View
 from simrig.rendering import render as rendering
 
-_SHARE = 0.04  # of the time of the picture
-_FEWEST_SECONDS, _LITTLE_SECONDS = 0.04, 0.2  # beside what takes little time itself
 _BLOCKS = 32  # along the longer side of the picture
 _EACH, _IN_ALL = 16, 2048  # samples of a block at a time, and of all of them at least
 _FEW = 16  # blocks whose spread says little: the spread of rounds counts in its place
@@ -86,7 +85,7 @@ def verified_render(
             ):
                 return result, _reported(plan, Check(0.0, 0, 0.0), False, switched, spent)
             estimate = Estimate(subject.view, plan)
-            check = estimate.check(result.image, _seconds(result))
+            check = estimate.check(result.image, check_seconds(result.run_seconds))
             spent += check.seconds
             contradicted = check.least > may_lack(plan)
             cause = estimate.cause() if contradicted and len(switched) + 1 < _RENDERS else ""
@@ -98,13 +97,7 @@ def verified_render(
 
 def checked(view: View, plan: EffectPlan, result: rendering.RenderResult) -> Check:
     """Return what an independent estimate says of a planned picture, for its share of the time."""
-    return Estimate(view, plan).check(result.image, _seconds(result))
-
-
-def _seconds(result: rendering.RenderResult) -> float:
-    """Return the seconds that a picture is worth to be checked."""
-    little = min(_FEWEST_SECONDS + result.run_seconds, _LITTLE_SECONDS)
-    return max(_SHARE * result.run_seconds, little)
+    return Estimate(view, plan).check(result.image, check_seconds(result.run_seconds))
 
 
 def may_lack(plan: EffectPlan) -> float:

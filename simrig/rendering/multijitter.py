@@ -30,8 +30,14 @@ def multijitter(spp: int, seed: int, count: int) -> Any:
 
 def is_grid(count: int) -> bool:
     """Return whether ``multijitter`` draws a number of samples without rounding it."""
-    root = math.isqrt(count)
-    return count % root == 0 if root else False
+    return count > 0 and nearest_grid(count) == count
+
+
+def nearest_grid(count: float) -> int:
+    """Return the largest number of at most ``count``, 1 at least, that ``multijitter`` draws."""
+    whole = max(int(count), 1)
+    root = math.isqrt(whole)
+    return root * (whole // root)
 
 
 class _Cells:

@@ -279,7 +279,7 @@ def _stratified_passes(spp: int, most: int) -> list[int]:
     passes = [full] * (spp // full) if spp > most else []
     left = spp - sum(passes)
     while left:
-        passes.append(next(n for n in range(min(left, most), 0, -1) if multijitter.is_grid(n)))
+        passes.append(multijitter.nearest_grid(min(left, most)))
         left -= passes[-1]
     return passes
 

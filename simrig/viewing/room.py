@@ -15,8 +15,8 @@ from simrig.core.errors import SimrigError, check_known
 from simrig.core.progress import tracked
 from simrig.mesostructure import PRESETS
 from simrig.planning import plan_scene
+from simrig.planning.everything import LEFT_OUT_SHARE
 from simrig.planning.mesostructure import structured_materials
-from simrig.planning.planner import LEFT_OUT_SHARE
 from simrig.rendering.render import load, render
 from simrig.scenes.perspective import pixel_angle_deg
 from simrig.scenes.room import FOCAL_LENGTH_MM, ROOM_PARTS, picture_size, room
