@@ -13,7 +13,7 @@ from simrig.core import backend
 from simrig.core.effects import Bound
 from simrig.evaluation.studies import STUDIES, traps
 from simrig.evaluation.studies.engine.run import run_study
-from simrig.planning import effects
+from simrig.planning import effects, planner
 from simrig.planning.light_tracing import trace_light
 from simrig.planning.view import View
 from simrig.scenes.traps import TRAPS
@@ -51,6 +51,8 @@ def test_the_study_judges_a_planner_that_is_right_and_one_that_is_not(
         console.print(traps.table(right))
     assert "0 broken" in shown.get()
     monkeypatch.setattr(effects.InterReflection, "bound", lambda *_: Bound(0.0, "dE", "planted"))
+    monkeypatch.setattr(planner, "why_unlooked", lambda *_: "")
+    monkeypatch.setattr(planner, "quicker_with_everything", lambda *_: False)
     found = run(tmp_path / "wrong", ["bright_corner"])
     (row,) = found["rows"]
     assert row["off"], "the planted defect changes nothing: no test"

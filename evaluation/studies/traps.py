@@ -6,8 +6,8 @@ of that picture. A row is ``kept`` where the picture is within the tolerance as 
 can tell (three standard errors), ``warned`` of where it is not and the plan does not say that it is
 kept, ``broken`` where the plan does, ``refused`` where nothing was rendered.
 
-The expected noise stands beside that which two planned pictures of independent random numbers
-show. The check after the render *spoke* where it switched an effect on or said that the plan is
+The expected noise stands beside that which planned pictures of independent random numbers show.
+The check after the render *spoke* where it switched an effect on or said that the plan is
 contradicted, *rightly* where the picture was further off than its tolerance, and was *silent
 wrongly* where it did not speak and the picture is.
 
@@ -48,6 +48,7 @@ NOISE_RANGE = (0.8, 1.5)  # of expected over measured noise
 _CERTAIN = 3.0  # standard errors
 _TELLING = 0.06  # of the tightest tolerance: no better reference is waited for
 _MOST_SAMPLES = 1 << 23  # of a reference
+_PICTURES, _PIXELS = (4, 32), 4096  # that tell noise, and pixels of all of them together
 _LITTLE = 0.02  # ΔE: noise below it is no more than rounding and what two pictures tell
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -131,7 +132,7 @@ def _row(at_work: Any, tolerance: Tolerance, reference: Replicates) -> dict[str,
     planned = result.image
     if check["switched_on"]:
         planned = planned_render(at_work, plan, seed=1).image
-    again = planned_render(at_work, plan, seed=2).image
+    more = [planned_render(at_work, plan, seed).image for seed in range(2, _times(planned) + 1)]
     exposure = rendering.display_exposure(reference.image)
     measured = _apart(reference.image, result.image, exposure)
     error = _apart(reference.halves[0], reference.halves[1], exposure) / 2.0
@@ -145,7 +146,7 @@ def _row(at_work: Any, tolerance: Tolerance, reference: Replicates) -> dict[str,
         "expected": plan.about["expected_error"],
         "kept": checked.about["kept"],
         "noise_expected": plan.about["noise"],
-        "noise_measured": _apart(planned, again, own) / math.sqrt(2.0),
+        "noise_measured": _off_their_mean([planned, *more], own),
         "spoke": bool(check["switched_on"] or check["contradicted"]),
         "off": before - _CERTAIN * error > tolerance.amount,
         "switched_on": check["switched_on"],
@@ -157,6 +158,22 @@ def _row(at_work: Any, tolerance: Tolerance, reference: Replicates) -> dict[str,
         "seconds": result.run_seconds,
         "check_seconds": check["seconds"],
     }
+
+
+def _times(picture: np.ndarray) -> int:
+    """Return how many pictures tell their noise: the more, the fewer pixels each has."""
+    return int(np.clip(_PIXELS / picture[..., 0].size, *_PICTURES))
+
+
+def _off_their_mean(pictures: Sequence[np.ndarray], exposure: float) -> float:
+    """Return how far pictures of independent random numbers are off what they converge to.
+
+    Not how far two of them are apart: stratified samples of a sharp edge take one of two values,
+    so that two differ by no more than one is off.
+    """
+    mean = np.mean(pictures, axis=0)
+    off = np.mean([_apart(mean, one, exposure) for one in pictures])
+    return float(off * math.sqrt(len(pictures) / (len(pictures) - 1.0)))
 
 
 def _verdict(plan: EffectPlan, measured: float, error: float) -> str:

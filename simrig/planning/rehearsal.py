@@ -1,8 +1,8 @@
-"""A rehearsal of the picture: a few of its pixels, drawn twice with all of their samples.
+"""A rehearsal of the picture: a few of its pixels, drawn four times with all of their samples.
 
 How far stratified samples go beyond those of a look, and how often what is rare comes, only as many
 samples as the picture has can tell. Pixels are drawn by how much they are expected to be off, and
-half of them evenly; the ratio of what their two halves differ by to what was foretold of them
+half of them evenly; the ratio of what they differ by to what was foretold of them
 corrects the noise of the whole picture. It counts as far as so few pixels can tell it.
 """
 
@@ -28,6 +28,9 @@ _ENOUGH = 0.25  # of the noise that is allowed: time that is left over buys no l
 _SHARE = 0.06  # of the samples of the picture
 _LITTLE = 1 << 14  # samples that cost no more than fewer
 _FEWEST, _MOST = 8, 128  # pixels
+# that each is drawn: stratified samples of a sharp edge take one of two values, so that two
+# differ by no more than one is off
+_TIMES = 4
 _SAMPLES, _FEW = 1 << 21, 32  # in all, of as many pixels at least where there are more of each
 _ALIKE = 1.6  # numbers of samples whose rehearsal is the same
 _USUAL = 0.4  # by what what is foretold is usually off, as a logarithm
@@ -70,18 +73,21 @@ def _rehearse(
         return False
     if any(1.0 / _ALIKE < each / other < _ALIKE for other in noise.rehearsed):
         return False
-    count = min(int(max(_SHARE * spp * view.pixels, _LITTLE) / (2.0 * each)), _MOST)
+    count = min(int(max(_SHARE * spp * view.pixels, _LITTLE) / (_TIMES * each)), _MOST)
     if count < _FEWEST:
         return False
-    drawn = multijitter.nearest_grid(min(each * noise.averaging, _SAMPLES / 2 / min(count, _FEW)))
-    count = min(count, _SAMPLES // (2 * drawn))
+    drawn = multijitter.nearest_grid(
+        min(each * noise.averaging, _SAMPLES / _TIMES / min(count, _FEW))
+    )
+    count = min(count, _SAMPLES // (_TIMES * drawn))
     steps, never_met = noise.foretold(max(round(drawn / noise.averaging), 1))
     pixel, weight = _pixels(steps, count)
-    blocks = np.pad(np.repeat(view.chosen[pixel], 2, axis=0), ((0, 0), (0, 2)), constant_values=1)
+    places = np.repeat(view.chosen[pixel], _TIMES, axis=0)
+    blocks = np.pad(places, ((0, 0), (0, 2)), constant_values=1)  # of one pixel each
     made = made_integrator(integrator)
     radiance = view.radiance_of_blocks(blocks, made, drawn, SEED + each)
-    halves = radiance.reshape(count, 2, drawn, 3).mean(axis=2)
-    noise.take_over(each, _ratio(noise.display, halves, weight, steps[pixel], never_met))
+    means = radiance.reshape(count, _TIMES, drawn, 3).mean(axis=2)
+    noise.take_over(each, _ratio(noise.display, means, weight, steps[pixel], never_met))
     return True
 
 
@@ -96,7 +102,7 @@ def _pixels(steps: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _ratio(
     display: Display,
-    halves: np.ndarray,
+    means: np.ndarray,
     weight: np.ndarray,
     foretold: np.ndarray,
     never_met: float,
@@ -105,14 +111,14 @@ def _ratio(
 
     Args:
         display: measures changes.
-        halves: (n, 2, 3) radiance of pixels, drawn twice.
+        means: (n, times, 3) radiance of pixels, drawn several times.
         weight: (n,) how many pixels each stands for.
         foretold: (n,) change of each.
         never_met: change of the picture by what no look has met.
     """
-    mean = halves.mean(axis=1)
-    apart = weight * display.per_pixel(halves[:, 0], halves[:, 1])
-    expected = weight * foretold
+    mean, times = means.mean(axis=1), means.shape[1]
+    off = np.mean([display.per_pixel(mean, means[:, one]) for one in range(times)], axis=0)
+    apart, expected = weight * off, weight * foretold
     seen, told = (display.of_mean(float(x.sum() / weight.sum()), mean) for x in (apart, expected))
     told = math.hypot(told, never_met)
     if seen <= 0.0 or told <= 0.0:
@@ -122,7 +128,7 @@ def _ratio(
     scale = float(expected.sum() / apart.sum())
     error = power * math.sqrt(float(((apart * scale - expected) ** 2).sum())) / expected.sum()
     certain = _USUAL**2 / (_USUAL**2 + error**2)
-    return float((seen / math.sqrt(2.0) / told) ** certain)
+    return float((seen * math.sqrt(times / (times - 1.0)) / told) ** certain)
 
 
 def _samples(
