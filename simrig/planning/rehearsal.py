@@ -69,7 +69,7 @@ def _rehearse(
     view, noise = sampled.subject.view, sampled.noise(tolerance)
     each = min(spp, noise.per_pass)
     known = each <= noise.resolved and not noise.tail.heavy
-    if known or not view.stratified or sampled.subject.source.pixel_centres:
+    if sampled.together > 1 or known or not view.stratified or sampled.subject.source.pixel_centres:
         return False
     if any(1.0 / _ALIKE < each / other < _ALIKE for other in noise.rehearsed):
         return False
