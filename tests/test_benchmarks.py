@@ -9,7 +9,7 @@ import pytest
 from simrig.btf.full import FullBtf
 from simrig.btf.synthetic import bumps
 from simrig.core import backend
-from simrig.evaluation.benchmarks import planned, plugins, sampling, storage
+from simrig.evaluation.benchmarks import planned, plugins, sampling, saving, storage
 from simrig.evaluation.benchmarks.btf import rendering as btf
 from simrig.evaluation.benchmarks.btf import scenes as btf_scenes
 from simrig.evaluation.benchmarks.timing import one_alive, side_by_side
@@ -83,6 +83,15 @@ def test_planned_renders_are_those_written_by_hand():
             assert ratios["interval"][0] <= ratios["ratio"] <= ratios["interval"][1]
             assert ratios["kernel_ratio"] > 0.0
     assert planned.table(results)
+
+
+def test_what_planning_saves_counts_all_of_both():
+    results = saving.run(resolution=16, rounds=1, variant="llvm_ad_rgb", scenes=("sphere",))
+    assert len(results["rows"]) == len(saving.MATERIALS) * len(saving.TOLERANCES)
+    for row in results["rows"]:
+        for arm in (row["planned"], row["everything"]):
+            assert arm["clock"] > arm["planning"] + arm["checking"] > 0.0
+    assert saving.table(results)
 
 
 BTF_OPTIONS = {

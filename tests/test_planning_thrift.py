@@ -23,6 +23,11 @@ def _floor() -> dict:
     return over_a_floor(card=plate(1.0, 0.5, 0.0), lamp=lamp)
 
 
+def _large(scene: dict) -> dict:
+    scene["sensor"]["film"] |= {"width": 256, "height": 256}
+    return scene
+
+
 def test_a_small_picture_is_not_looked_at() -> None:
     with planned_subject(_floor()) as scene:
         plan = plan_scene(scene, "dE=2", thrifty=True)
@@ -40,7 +45,7 @@ def test_a_small_picture_is_not_looked_at() -> None:
 
 def test_paths_that_are_called_for_bring_the_rest() -> None:
     """Of many samples as well: what is reflected twice changes more than may be left out."""
-    plan = plan_scene(_floor(), "dE=0.02", thrifty=True)
+    plan = plan_scene(_large(_floor()), "dE=0.02", thrifty=True)
     assert "paths" in plan.about["unlooked"] and plan.settings["depth"] == -1
 
 
@@ -49,8 +54,7 @@ def test_what_takes_longer_without_it_stays() -> None:
     lamp = plate(4.0, 0.6, emitter=AREA, flip_normals=True)
     for amount in (0.05, 0.1, 0.2):
         scene = over_a_floor(floor=plate(0.0, 4.0, 0.06), card=plate(1.0, 0.5, 0.06), lamp=lamp)
-        scene["sensor"]["film"] |= {"width": 96, "height": 96}
-        with planned_subject(scene) as at_work:
+        with planned_subject(_large(scene)) as at_work:
             plan = plan_scene(at_work, f"dE={amount}", thrifty=True)
             full = plan_scene(at_work, f"dE={amount}", everything=True, thrifty=True)
         assert plan.settings["spp"] <= full.settings["spp"] or not plan.about["unlooked"]
@@ -66,7 +70,7 @@ def test_what_needs_no_look_is_left_out() -> None:
 def test_pictures_of_many_samples_and_doubtful_ones_are_looked_at() -> None:
     lamp = plate(4.0, 0.6, emitter=AREA, flip_normals=True)
     dark = over_a_floor(card=plate(1.0, 0.5, 0.0), floor=plate(0.0, 4.0, 0.01), lamp=lamp)
-    with planned_subject(dark) as scene:
+    with planned_subject(_large(dark)) as scene:
         plan_scene(scene, "dE=0.02", thrifty=True)
         assert "probe" in scene.__dict__  # what is planned then is a matter of time
     mirror = plate(1.0, 0.5) | {"bsdf": {"type": "conductor"}}

@@ -16,6 +16,7 @@ from simrig.evaluation.benchmarks import (
     plugins,
     recording,
     sampling,
+    saving,
     storage,
 )
 from simrig.evaluation.benchmarks.btf import measurement as btf_measurement
@@ -33,6 +34,7 @@ BENCHMARKS: dict[str, ModuleType] = {
     "plugins": plugins,
     "recording": recording,
     "sampling": sampling,
+    "saving": saving,
     "storage": storage,
     "whole-array": whole_array,
 }

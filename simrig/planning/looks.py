@@ -24,6 +24,7 @@ _SHARE = 0.02  # of the samples of the picture, in one look
 # The samples of a picture with everything that cost no less than looks and a check, which are a
 # tenth of them and a dozen programs, each to be made and compiled.
 _WORTH_LOOKS = 1 << 22
+_WITH_SHADOWS = 4  # times as many where bodies may hide lights from each other, which is looked at
 COSTS_MORE = "nothing was looked for that could be left out: that costs more than the whole picture"
 COMES_WITH_PATHS = (
     "nothing was looked for that could be left out: inter-reflection is called for, and paths "
@@ -78,7 +79,8 @@ def unlooked_because(subject: SceneSubject, allowed: Tolerance, noise: Tolerance
     if needs_paths(subject, allowed):
         return COMES_WITH_PATHS
     needed, _ = sampled.needed(noise, noise.amount)
-    return COSTS_MORE if needed * subject.pixels <= _WORTH_LOOKS else ""
+    worth = _WORTH_LOOKS * (_WITH_SHADOWS if subject.shadows_possible else 1)
+    return COSTS_MORE if needed * subject.pixels <= worth else ""
 
 
 def needs_paths(subject: SceneSubject, allowed: Tolerance) -> bool:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -33,7 +32,7 @@ from simrig.planning.tail import NO_TAIL, Tail, tail_of
 MOST_SAMPLES = 1 << 20
 # The expected change is that of a limited number of looked-at pixels, few of which see an edge.
 SAFETY = 1.05
-_TRIALS = 4
+_TRIED, _TRIALS = 2048, (2, 64)  # pixels in all trials, and how many of these there are
 _CERTAIN = 3.0  # standard errors
 _SEVERAL = 128  # pixels whose groups tell how well they are stratified
 _SEED = 7
@@ -91,25 +90,23 @@ class SamplingNoise:
     def change(self, spp: int) -> float:
         """Return the expected change of a picture of ``spp`` samples against the converged one."""
         if spp not in self._changes:
-            rare = self._ratio(spp) * self._tail_change(spp)
-            self._changes[spp] = math.hypot(SAFETY * self._seen(spp), rare)
+            change = math.hypot(SAFETY * self._seen(spp), self._tail_change(spp))
+            self._changes[spp] = self._ratio(spp) * change
         return self._changes[spp]
 
     @property
     def resolved(self) -> float:
         """Samples per pixel whose stratification the samples themselves tell."""
-        if len(self.radiance) < _SEVERAL:
+        if len(self.radiance) < _SEVERAL or self.averaging > 1.0:
             return 1.0
-        return max(self._count / max(self.groups, 1) / self.averaging, 1.0)
+        return max(self._count / max(self.groups, 1), 1.0)
 
     def foretold(self, spp: int) -> tuple[np.ndarray, float]:
         """Return the change of each pixel (n,), and that of the picture by what was never met.
 
-        Both are those of an even filter, and of the samples alone.
+        Both are those of the looked-at samples alone, without a rehearsal.
         """
-        even = copy(self)
-        even.evenness, even.rehearsed = 1.0, {}
-        return np.mean(even._steps(spp), axis=0), self._tail_change(spp)
+        return np.mean(self._steps(spp), axis=0), self._tail_change(spp)
 
     def take_over(self, spp: int, ratio: float) -> None:
         """Take over the ratio of what a rehearsal of ``spp`` samples shows to what was foretold."""
@@ -144,6 +141,11 @@ class SamplingNoise:
     def _count(self) -> int:
         return int(self.radiance.shape[1])
 
+    @property
+    def _trials(self) -> int:
+        """How often errors are drawn: the more often, the fewer pixels there are."""
+        return int(np.clip(_TRIED // max(len(self.radiance), 1), *_TRIALS))
+
     @cached_property
     def tail(self) -> Tail:
         """What is rarer than the samples can show."""
@@ -170,13 +172,13 @@ class SamplingNoise:
         together, gain = max(round(spp * self.averaging), 1), self._gain_of(spp)
         draw = self._split if 2 * together <= self._count else self._shaken
         changes = []
-        for trial in range(_TRIALS):
+        for trial in range(self._trials):
             mean, error = draw(together, trial)
             error = gain * error
             if rare and self._rare is not None and self._rare.any:
                 mean = self._mean
                 met = self._rare.errors(together, np.random.default_rng((_SEED, trial)))
-                error = error + self._ratio(spp) * met
+                error = error + met
             noisy = np.maximum(mean + error, 0.0)
             changes.append(self.display.per_pixel(mean, noisy))
         return changes
@@ -221,14 +223,13 @@ class SamplingNoise:
         chance, so that their product is not stratified.
         """
         if self.groups < 2:
-            return self._ratio(spp)
+            return 1.0
         group = max(self._count // self.groups, 2)
         together = max(min(spp, self.per_pass) * self.averaging, 1.0)
         power = math.log(self._gain) / math.log(group)
         least = -0.5 / self.dimensions
         beyond = min(0.5 * power, least) if power < -0.5 / IN_A_PIXEL else least
         gain = float(min(together, group) ** power * max(together / group, 1.0) ** beyond)
-        gain *= self._ratio(spp)
         if self.dimensions == IN_A_PIXEL:
             return gain
         return math.sqrt(self.evenness * gain**2 + 1.0 - self.evenness)
@@ -257,7 +258,7 @@ class SamplingNoise:
         pixels, count = self._base.shape[:2]
         rng = np.random.default_rng(_SEED)
         errors = []
-        for _ in range(_TRIALS):
+        for _ in range(self._trials):
             signs = 2.0 * rng.integers(2, size=(pixels, 1, count), dtype=np.int8) - 1.0
             shaken = (signs @ self._base)[:, 0] - signs.sum(axis=2) * self._sum / count
             errors.append(shaken / math.sqrt(max(count - 1, 1)))

@@ -25,9 +25,9 @@ from simrig.rendering.render import made_integrator
 
 _ROUNDS = 3  # of one picture at most: one may tell that it needs other samples
 _ENOUGH = 0.25  # of the noise that is allowed: time that is left over buys no less than that
-_SHARE = 0.06  # of the samples of the picture
-_LITTLE = 1 << 14  # samples that cost no more than fewer
-_FEWEST, _MOST = 8, 128  # pixels
+_SHARE, _SHARE_OF_WIDE = 0.06, 0.1  # of the samples of the picture; behind a wide filter
+_LITTLE = 1 << 15  # samples that cost no more than fewer
+_FEWEST, _MOST = 6, 128  # pixels
 # that each is drawn: stratified samples of a sharp edge take one of two values, so that two
 # differ by no more than one is off
 _TIMES = 4
@@ -64,7 +64,8 @@ def _rehearse(
         spp: of the picture.
 
     Returns:
-        Whether they were drawn; not where a look resolves as many samples, or draws no others.
+        Whether they were drawn; not where a look resolves as many samples, draws no others, or
+        follows particles from the lamps.
     """
     view, noise = sampled.subject.view, sampled.noise(tolerance)
     each = min(spp, noise.per_pass)
@@ -73,20 +74,18 @@ def _rehearse(
         return False
     if any(1.0 / _ALIKE < each / other < _ALIKE for other in noise.rehearsed):
         return False
-    count = min(int(max(_SHARE * spp * view.pixels, _LITTLE) / (_TIMES * each)), _MOST)
+    around = len(view.neighbours)
+    share = _SHARE if around == 1 else _SHARE_OF_WIDE
+    count = min(int(max(share * spp * view.pixels, _LITTLE) / (_TIMES * around * each)), _MOST)
     if count < _FEWEST:
         return False
-    drawn = multijitter.nearest_grid(
-        min(each * noise.averaging, _SAMPLES / _TIMES / min(count, _FEW))
-    )
-    count = min(count, _SAMPLES // (_TIMES * drawn))
-    steps, never_met = noise.foretold(max(round(drawn / noise.averaging), 1))
+    drawn = multijitter.nearest_grid(min(each, _SAMPLES / _TIMES / around / min(count, _FEW)))
+    count = min(count, _SAMPLES // (_TIMES * around * drawn))
+    steps, never_met = noise.foretold(drawn)
     pixel, weight = _pixels(steps, count)
     places = np.repeat(view.chosen[pixel], _TIMES, axis=0)
-    blocks = np.pad(places, ((0, 0), (0, 2)), constant_values=1)  # of one pixel each
-    made = made_integrator(integrator)
-    radiance = view.radiance_of_blocks(blocks, made, drawn, SEED + each)
-    means = radiance.reshape(count, _TIMES, drawn, 3).mean(axis=2)
+    means = view.as_filmed(places, made_integrator(integrator), drawn, SEED + each)
+    means = means.reshape(count, _TIMES, 3)
     noise.take_over(each, _ratio(noise.display, means, weight, steps[pixel], never_met))
     return True
 

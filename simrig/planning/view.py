@@ -19,6 +19,7 @@ PIXELS = 1024  # looked at, at most
 SEED = 20_240_607  # plans are reproducible
 GROUPS = 4  # into which the samples of a pixel fall
 _CANDIDATES, _TRIES = 16 * PIXELS, 16  # pixels of which those are chosen, and rays through each
+_REACHED = 0.02  # of what a filter takes from its own pixel
 _STEPS = 256  # of the half of a reconstruction filter
 
 
@@ -138,6 +139,18 @@ class View:
         return float(max(1.0 / along**2, 1.0))
 
     @cached_property
+    def neighbours(self) -> np.ndarray:
+        """Which pixels around one its filter reaches with more than a little, (k, 2) offsets."""
+        if self._filter is None:
+            return np.zeros((1, 2), dtype=np.int64)
+        distance, value = self._filter
+        sums = np.bincount(np.floor(distance + 0.5).astype(np.int64), value)
+        sums[0] *= 2.0
+        reach = np.flatnonzero(sums > _REACHED * sums[0]).max()
+        along = np.arange(-reach, reach + 1)
+        return np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
+
+    @cached_property
     def evenness(self) -> float:
         """How much of the squared weight of samples is that of their pixels' mean weights.
 
@@ -232,6 +245,30 @@ class View:
         value, _, _ = integrator.sample(self.scene, drawn, found)
         return np.broadcast_to(rays.rows(rays.to_rgb(value * weight, found)), (count, 3))
 
+    def as_filmed(self, pixels: np.ndarray, integrator: Any, samples: int, seed: int) -> np.ndarray:
+        """Return pixels (m, 3) as the film makes them of samples in each pixel around."""
+        near = (pixels[:, None] + self.neighbours).reshape(-1, 2)
+        count = len(near) * samples
+        drawn = multijitter(samples, seed, count)
+        index = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, samples)
+        centre = np.repeat(pixels, len(self.neighbours), axis=0) + 0.5
+        corner, middle = (
+            mi.Point2f(*(dr.gather(mi.Float, rays.on_device(axis), index) for axis in both.T))
+            for both in (near, centre)
+        )
+        place = corner + drawn.next_2d()
+        found, weight = self._at(place, drawn, count)
+        value, _, _ = integrator.sample(self.scene, drawn, found)
+        colour = rays.to_rgb(value * weight, found)
+        share = dr.full(mi.Float, 1.0, count)
+        if self._filter is not None:
+            chosen, off = self.sensor.film().rfilter(), place - middle
+            share = chosen.eval(off.x) * chosen.eval(off.y)
+        sums = [dr.block_sum(one * share, samples) for one in (*colour, mi.Float(1.0))]
+        parts = np.array(sums, dtype=np.float64) * ((near >= 0) & (near < self.size)).all(axis=1)
+        whole = parts.reshape(4, len(pixels), -1).sum(axis=2)
+        return np.asarray((whole[:3] / whole[3]).T)
+
     def _through(
         self, corner: list[Any], drawn: Any, count: int, inside: Any = None
     ) -> tuple[Any, Any]:
@@ -246,6 +283,10 @@ class View:
         inside = drawn.next_2d() if inside is None else inside
         axes = zip(corner, (inside.x, inside.y), self.size, strict=True)
         place = mi.Point2f(*(first + self._offset(u, first, size) for first, u, size in axes))
+        return self._at(place, drawn, count)
+
+    def _at(self, place: Any, drawn: Any, count: int) -> tuple[Any, Any]:
+        """Return ``count`` rays through places of the film, in pixels, and their weights."""
         place = dr.clip(place / mi.Point2f(*self.size), 0.0, 1.0 - 1e-6)
         aperture = drawn.next_2d() if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
         time = self.sensor.shutter_open()
