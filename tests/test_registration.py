@@ -85,6 +85,23 @@ def test_calibration_finds_the_focal_length():
     assert error < 1e-3 and found[0].matrix[0, 0] == pytest.approx(LENS.focal, rel=2e-3)
 
 
+@pytest.mark.parametrize(("seed", "noise"), [(2, 0.05), (6, 0.1)])
+def test_no_view_is_taken_for_one_from_below(seed, noise):
+    """Seen at a slant, a plane has a second pose that shows its marks almost as well."""
+    rng, lens, marks = np.random.default_rng(seed), Lens(), frame_corners(FRAME_MM, FRAME_MM)
+    seen, places = [], []
+    for theta, phi in view_directions(80, np.radians(75.0)):
+        off = rng.uniform(-5e-4, 5e-4, 3)
+        pose = camera_to_world(theta + off[0], phi + off[1], off[2])
+        camera = from_pose(lens.matrix, np.zeros(5), pose)
+        seen.append(camera.project(np.pad(marks, ((0, 0), (0, 1)))) + rng.normal(0, noise, (4, 2)))
+        places.append(camera.centre_mm)
+    nominal = from_pose(lens.matrix, np.zeros(5), camera_to_world(0.0, 0.0))
+    found, _ = calibrate(marks, seen, (330, 330), nominal)
+    away = np.linalg.norm(np.array([camera.centre_mm for camera in found]) - places, axis=1)
+    assert away.max() < 0.1 * np.linalg.norm(places[0])
+
+
 def test_resampling_has_no_steps():
     """A shift of 1/100 of a pixel is what it is; OpenCV rounds it to 1/32."""
     column, row = np.meshgrid(np.arange(64.0), np.arange(48.0))

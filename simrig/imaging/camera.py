@@ -116,11 +116,13 @@ class Camera:
         if not refined:
             raise SimrigError("no pose of the camera explains where the marks are seen")
 
-        def off(pose: tuple[Any, Any]) -> float:  # a plane has two poses that look much alike
-            shown = cv2.projectPoints(marks, *pose, *lens)[0]
-            return float(np.nan_to_num(np.linalg.norm(shown - shaped), nan=np.inf))
+        def off(camera: Camera) -> tuple[bool, float]:
+            # a plane has two poses that look much alike; nobody sees its marks from below
+            distance = np.linalg.norm(camera.project(marks) - shaped[:, 0])
+            below = flat and bool(camera.centre_mm[2] < marks[0, 2])
+            return below, float(np.nan_to_num(distance, nan=np.inf))
 
-        return Camera(*lens, _pose(*min(refined, key=off)))
+        return min((Camera(*lens, _pose(*pose)) for pose in refined), key=off)
 
 
 def calibrate(
@@ -190,8 +192,9 @@ def calibrate(
             "directions (a turn in the picture's plane tells nothing)"
         )
     # OpenCV takes marks in float32: poses are found again in float64
-    first = Camera(np.asarray(fitted), np.ravel(bends)[:5], _pose(turns[0], shifts[0]))
-    return [first.posed(marks, view) for view in seen], float(error)
+    lens = np.asarray(fitted), np.ravel(bends)[:5]
+    placed = [Camera(*lens, _pose(*pose)) for pose in zip(turns, shifts, strict=True)]
+    return [one.posed(marks, view) for one, view in zip(placed, seen, strict=True)], float(error)
 
 
 def _focal_uncertainty(
