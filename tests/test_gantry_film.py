@@ -166,10 +166,10 @@ def test_what_films_is_said_in_one_line(tmp_path: Path) -> None:
     assert "gantry method" in refusal(*process, "--method", "b")
     (tmp_path / "film.json").write_text("{")
     assert "damaged" in refusal(*process)
-    refused(
-        "8 slices, 1 videos", filmed_by, [tmp_path / "a.avi"], shipped("merkur-gantry"),
-        FilmSettings(),
-    )  # fmt: skip
+    one_video = [tmp_path / "a.avi"], shipped("merkur-gantry"), FilmSettings()
+    refused("there is no file", filmed_by, *one_video)
+    one_video[0][0].touch()
+    refused("8 slices, 1 videos", filmed_by, *one_video)
     steady_gantry = shipped("steady-gantry")
     refused("does not film", film_of, "lambert", steady_gantry, GantryPlan(), None, None)
 

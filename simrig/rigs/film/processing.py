@@ -21,6 +21,7 @@ from simrig.core.colour import FROM_XYZ, TO_XYZ
 from simrig.core.errors import SimrigError
 from simrig.core.progress import Progress
 from simrig.directions.spherical import to_vector
+from simrig.files.atomic import existing_file
 from simrig.files.checkpoint import Checkpoint
 from simrig.imaging.alignment import Plane
 from simrig.imaging.camera import Camera
@@ -95,6 +96,8 @@ class FilmProcessing:
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        for video in self.videos:
+            existing_file(video)
         wanted = len(self.plan.slices)
         if len(self.videos) != wanted:
             raise SimrigError(
