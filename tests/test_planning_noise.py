@@ -119,6 +119,17 @@ def test_stratified_lights_are_weighed_unevenly_by_a_wide_filter() -> None:
     assert 0.7 < plan.about["noise"] / np.mean(off) < 1.6
 
 
+def test_paths_that_pick_one_of_many_lights_are_noisy() -> None:
+    """A look at one convex body sums all lights, which a picture with everything does not."""
+    scene = build_scene("environment_sphere", make_bsdf(Lambert()), resolution=96, lights=64)
+    plan = plan_scene(scene, "dE=1", everything=True)
+    assert plan.settings["integrator"] == "path" and plan.settings["spp"] > 8
+    many = replace(plan, settings={**plan.settings, "spp": 4096})
+    true = planned_render(scene, many, seed=9).image
+    off = change(true, planned_render(scene, plan, 1).image, plan.about["exposure"])
+    assert 0.7 < plan.about["noise"] / off < 1.6 and off < 1.0
+
+
 def test_footprints_end_where_the_film_does() -> None:
     """Looks and pictures of few pixels behind a Gaussian see the same, at every pixel."""
     film = {"type": "hdrfilm", "width": 3, "height": 2, "rfilter": {"type": "gaussian"}}

@@ -337,13 +337,17 @@ def _sampled(
     many samples is worth a larger look.
     """
     kind = integrator["type"]
-    if not subject.looks_pay or (kind == "path" and integrator == subject.everything):
+    full = kind == "path" and integrator == subject.everything
+    picks = full and not subject.tells_orders and len(subject.survey.delta_lights) > 1
+    if not picks and (full or not subject.looks_pay):  # paths pick one light, a look sums all
         return everything_sampled(subject)
-    if kind == "path":
+    if kind == "path" and not picks:
         paths = subject.paths
         radiance = paths.radiance(integrator["max_depth"])
         return SampledSubject(subject, radiance, paths.seconds_per_sample)
-    known = subject.survey.only_delta_lights and kind != "volpath"  # but for the test of shadows
+    known = subject.survey.only_delta_lights and not (
+        picks or kind == "volpath"
+    )  # but for the test of shadows
     tested = 0.0
     if not averaged and integrator == subject.everything:
         seen = subject.all_orders

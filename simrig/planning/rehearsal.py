@@ -33,6 +33,8 @@ _FEWEST, _MOST = 6, 128  # pixels
 _TIMES = 4
 _SAMPLES, _FEW = 1 << 21, 32  # in all, of as many pixels at least where there are more of each
 _ALIKE = 1.6  # numbers of samples whose rehearsal is the same
+_SMALL = 16  # samples: what fewer leave lies between what one and what a group of a look leaves
+_CAUTION = 0.5  # standard errors of the ratio: samples are chosen by it
 _USUAL = 0.4  # by what what is foretold is usually off, as a logarithm
 
 
@@ -69,7 +71,8 @@ def _rehearse(
     """
     view, noise = sampled.subject.view, sampled.noise(tolerance)
     each = min(spp, noise.per_pass)
-    known = each <= noise.resolved and not noise.tail.heavy
+    told = each <= min(noise.resolved, _SMALL) or each == noise.resolved
+    known = told and not noise.tail.heavy
     if sampled.together > 1 or known or not view.stratified or sampled.subject.source.pixel_centres:
         return False
     if any(1.0 / _ALIKE < each / other < _ALIKE for other in noise.rehearsed):
@@ -127,7 +130,8 @@ def _ratio(
     scale = float(expected.sum() / apart.sum())
     error = power * math.sqrt(float(((apart * scale - expected) ** 2).sum())) / expected.sum()
     certain = _USUAL**2 / (_USUAL**2 + error**2)
-    return float((seen * math.sqrt(times / (times - 1.0)) / told) ** certain)
+    ratio = (seen * math.sqrt(times / (times - 1.0)) / told) ** certain
+    return float(ratio * math.exp(_CAUTION * math.sqrt(certain) * error))
 
 
 def _samples(
