@@ -274,6 +274,7 @@ def test_commands(tmp_path: Path) -> None:
     told = json.loads(found.stdout)
     assert told["count"] >= 1
     assert told["highlights"][0]["axis_deg"] == pytest.approx(30.0, abs=0.5)
+    assert "--reference" in told["note"]
     assert sheet.stat().st_size > 10_000
     assert run(app, ["reflector", "analyse", str(shot), "--opening", "1,2"]).exit_code == 2
     assert run(app, ["reflector", "analyse", str(tmp_path / "none.exr")]).exit_code == 2

@@ -16,6 +16,10 @@ Instrument = Annotated[
     str, typer.Option(help="'reflector', or the TOML file of one (docs/instruments.md).")
 ]
 
+_UNALIGNED = (
+    "without a reference highlights may be missed, and axes be farther off than stated: give the "
+    "picture of a black paper in the same place (--reference)"
+)
 _MOST_COLUMNS = 16  # of a sheet
 
 
@@ -107,6 +111,7 @@ def analyse(
         with output_file(sheet, overwrite):
             draw_sheet(found, sheet)
     modes = found.anisotropy.modes
+    note = _UNALIGNED if even is None else None
     highlights = [
         {
             "axis_deg": np.degrees(m.axis),
@@ -139,6 +144,7 @@ def analyse(
             "opening": [found.opening.x, found.opening.y, found.opening.diameter],
             "flash_azimuth_deg": found.mirror.flash_azimuth_deg,
             "residual": found.anisotropy.residual,
+            "note": note,
             "detection_seconds": found.seconds,
             "compute_seconds": seconds,
             "sheet": sheet,
@@ -150,6 +156,7 @@ def analyse(
             f"opening {found.opening.diameter:.1f} pixels at {found.opening.x:.1f}, "
             f"{found.opening.y:.1f}; flash at {found.mirror.flash_azimuth_deg:.1f}°; detection "
             f"{found.seconds:.2f} s of {seconds:.2f} s",
+            *([] if note is None else [note]),
         ],
     )
 
