@@ -149,6 +149,10 @@ def test_what_is_damaged_is_named_and_nothing_is_lost(recording, tmp_path):
         ({"sample": {"size_mm": 40.0, "marks_mm": [[1.0], [2.0, 3.0]]}}, "marks_mm"),
         ({"sample": {"size_mm": 40.0, "marks_mm": [[1.0, 2.0, 0.0]]}}, r"must be \(4, 3\)"),
         ({"effects": "all"}, "are objects"),
+        ({"poses": -1}, "whole number above 0, got -1"),
+        ({"poses": "x"}, "whole number above 0, got 'x'"),
+        ({"poses": float("nan")}, "whole number above 0, got nan"),
+        ({"poses": 8}, "9 poses where recording.json says 8"),
         ({"calibration": {"white_albedo": "white"}}, "white_albedo of the recording"),
     ],
 )

@@ -146,7 +146,7 @@ def _recording(path: Path) -> Description:
     keys = ("material", "plan", "seed", "seconds")
     facts = {
         **{key: found.about[key] for key in keys if key in found.about},
-        "poses": f"{len(found.poses):,} of {found.about.get('poses', len(found.poses)):,}",
+        "poses": f"{len(found.poses):,} of {found.about.get('poses', len(found.poses))}",
         "frames_of_the_first": list(frames),
         "calibration": names,
         "sample": {k: v for k, v in found.sample.items() if isinstance(v, int | float)},

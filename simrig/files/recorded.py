@@ -130,14 +130,24 @@ class RecordedPictures:
         return ", ".join([*said, f"{len(self.poses)} poses"])
 
     def check_whole(self) -> None:
-        """Raise SimrigError where poses are still to be recorded."""
+        """Raise SimrigError where poses are still to be recorded, or are not those that it says."""
         if not self.poses:
             raise SimrigError(f"'{self.folder}' has no poses yet: record first")
-        expected = self.about.get("poses")
-        if isinstance(expected, int) and len(self.poses) < expected:
+        expected = self.about.get("poses", len(self.poses))
+        if type(expected) is not int or expected < 1:
+            raise SimrigError(
+                f"poses of '{self.folder}/recording.json' must be a whole number above 0, got "
+                f"{expected!r}"
+            )
+        if len(self.poses) < expected:
             raise SimrigError(
                 f"'{self.folder}' has {len(self.poses):,} of {expected:,} poses: finish recording "
                 "first"
+            )
+        if len(self.poses) > expected:
+            raise SimrigError(
+                f"'{self.folder}' has {len(self.poses):,} poses where recording.json says "
+                f"{expected:,}: move away those that are not its own"
             )
 
     def pose(self, number: int, names: Sequence[str] = ()) -> dict[str, np.ndarray]:

@@ -318,7 +318,8 @@ class Chain:
         if not seen.all():
             raise SimrigError(
                 f"'{self.recording.poses[number]}' shows {100.0 * seen.mean():.0f} % of the "
-                f"{self.area.size_mm[0]:g} mm that are asked for: choose a smaller --size-mm"
+                f"{self.area.size_mm[0]:g} mm that are asked for: choose a smaller --size-mm, or "
+                "record more --pixels"
             )
         # an even corner keeps the colours of the filter array
         low = np.maximum(pixels.min(axis=(0, 1)).astype(int) - _AROUND, 0) // 2 * 2
