@@ -38,7 +38,7 @@ from simrig.rendering.render import timed
 BAKED = "baked"  # in the provenance of a file
 _GATHER = 20.0  # instructions that take as long as one gather (a third of a table's time)
 # what else a sample costs, so that baked slices render twice as fast ('simrig bench plugins')
-_REST, _TABLE = 3000.0, 809 + 13 * _GATHER
+_REST, _TABLE = 3000.0, 829 + 13 * _GATHER
 _LONGEST = 10.0  # seconds that baking takes, or finding that no form is within a tolerance
 _SHARE = 0.25  # of a picture's tolerance that is spent on baking
 _LIGHTS = (16, 4)  # of the two pictures that are compared

@@ -28,7 +28,7 @@ from simrig.evaluation.ablation.run import (
 from simrig.evaluation.metrics.images import delta_e_map, foreground_mask
 from simrig.evaluation.studies import STUDIES, plan_validation
 from simrig.evaluation.studies.engine.run import run_study
-from simrig.planning import effects, plan_scene
+from simrig.planning import effects, plan_scene, planner
 from simrig.rendering.render import render
 from simrig.scenes import bright_corner, hidden_light, sphere
 
@@ -191,6 +191,8 @@ def test_the_validation_study_judges_a_planner_that_is_right_and_one_that_is_not
         console.print(plan_validation.table(results))
     assert "2 of 2 renders meet their tolerance" in shown.get()
     monkeypatch.setattr(effects.InterReflection, "bound", lambda *_: Bound(0.0, "dE", "planted"))
+    monkeypatch.setattr(planner, "why_unlooked", lambda *_: "")
+    monkeypatch.setattr(planner, "quicker_with_everything", lambda *_: False)
     config = {**study.presets["quick"], "scenes": ["bright_corner"]}
     wrong = run_study(study, config, tmp_path / "wrong").summary
     assert wrong["rows"][0]["met"] is False and wrong["summary"]["missed"] == 1

@@ -176,7 +176,7 @@ def test_packing_covers_the_range_of_float32():
     on_device = pack_colours(types.Float(values.astype(np.float32).reshape(-1)))
     np.testing.assert_array_equal(packed, np.array(on_device))
     unpacked = PackedColours(on_device).read(types.UInt([0, 1, 2]))
-    np.testing.assert_allclose(np.array(unpacked).T, values, rtol=RELATIVE_ERROR, atol=1e-41)
+    np.testing.assert_allclose(np.array(unpacked).T, values, rtol=RELATIVE_ERROR)
     np.testing.assert_allclose(unpack_colours(packed), values, rtol=RELATIVE_ERROR)
 
 

@@ -1,13 +1,14 @@
 """Three floats in 64 bits: the fast layout of a table that is only read.
 
-Red and green keep the upper 21 bits of their float32 (sign, 8 exponent bits, 12 mantissa bits),
-blue 22. The full range of float32 stays, and a value is off by at most 2⁻¹³ (1.2e-4) of itself. One
-64-bit gather then reads a whole colour, where float triples need three. The packed table carries no
-derivatives.
+Each colour channel keeps the upper 21 bits of its float32: sign, 8 exponent bits and 12 mantissa
+bits. The full range of float32 stays, zero stays zero, and a value is off by at most 2⁻¹³
+(1.2e-4) of itself. One 64-bit gather then reads a whole colour, where float triples need three.
+The packed table carries no derivatives.
 
-The three stand one after the other. Red and green are read with the bits of their neighbour below
-their own, which saves the masks: packing chooses their own bits so that the whole word is nearest.
-A zero comes out as zero or as a subnormal number, which Dr.Jit's kernels take for zero.
+Red and green stand in place in the two 32-bit words, so that one mask each unpacks them; blue
+fills the 11 and 10 bits that are left. Without the masks, with kept bits chosen so that the whole
+word is nearest, a table takes 5 % fewer instructions and no less time, but grey is not grey then,
+and what 12 bits hold is not exact.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from simrig.core.arrays import Array, gather_colour, is_numpy, is_single, namespace, vector_type
+from simrig.core.arrays import Array, gather_colour, is_numpy, is_single, vector_type
 
-_DROPPED, _DROPPED_BLUE = 11, 10  # mantissa bits of float32 that are not kept
+_DROPPED = 11  # mantissa bits of float32 that are not kept
 _HALF = 1 << (_DROPPED - 1)
 _LARGEST = 0x7F800000 - 1 - _HALF  # rounding up from here would reach infinity
-_SIGN, _SIZE, _SMALLEST = 0x80000000, 0x7FFFFFFF, 0x00800000
+_KEPT, _SIGN, _SIZE = 0xFFFFF800, 0x80000000, 0x7FFFFFFF
+_LOW_BLUE = 10  # bits of blue in the word of green
 RELATIVE_ERROR = 2.0**-13
 
 
@@ -39,35 +41,30 @@ def pack_colours(values: Array) -> Array:
     """
     if is_numpy(values):
         words = np.ascontiguousarray(values, dtype=np.float32).reshape(-1, 3).view(np.uint32)
-        return _join(*(part.astype(np.uint64) for part in _kept(*words.T)))
+        size = np.minimum(words & np.uint32(_SIZE), np.uint32(_LARGEST))
+        rounded = (words & np.uint32(_SIGN)) | (size + np.uint32(_HALF))
+        return _join(*(rounded >> np.uint32(_DROPPED)).astype(np.uint64).T)
     uint: Any = dr.uint32_array_t(type(values))
     wide: Any = dr.uint64_array_t(type(values))
     triple = 3 * dr.arange(uint, dr.width(values) // 3)
-    channels = [dr.gather(type(values), dr.detach(values), triple + c) for c in range(3)]
-    kept = _kept(*(dr.reinterpret_array(uint, channel) for channel in channels))
-    return _join(*(wide(part) for part in kept))
-
-
-def _kept(red: Array, green: Array, blue: Array) -> tuple[Array, Array, Array]:
-    """Return the kept bits of three words of float32."""
-    xp = namespace(red)
-
-    def nearest(word: Array, below: Array, dropped: int) -> Array:
-        rounded = xp.minimum(word & _SIZE, _LARGEST) + (1 << (dropped - 1))
-        return ((word & _SIGN) | (xp.maximum(rounded, below) - below)) >> dropped
-
-    blue = nearest(blue, 0, _DROPPED_BLUE)
-    green = nearest(green, blue >> (32 - _DROPPED_BLUE - _DROPPED), _DROPPED)
-    return nearest(red, green >> (32 - 2 * _DROPPED), _DROPPED), green, blue
+    channels = []
+    for channel in range(3):
+        value = dr.gather(type(values), dr.detach(values), triple + channel)
+        word: Any = dr.reinterpret_array(uint, value)
+        rounded = (word & _SIGN) | (dr.minimum(word & _SIZE, _LARGEST) + _HALF)
+        channels.append(wide(rounded >> _DROPPED))
+    return _join(*channels)
 
 
 def _join(red: Array, green: Array, blue: Array) -> Array:
-    """Return the 64-bit words of three channels of 21, 21 and 22 bits."""
+    """Return the 64-bit words of three channels of 21 bits."""
 
     def shift(bits: int) -> Any:  # NumPy keeps uint64 only among uint64
         return np.uint64(bits) if is_numpy(red) else bits
 
-    return (red << shift(43)) | (green << shift(22)) | blue
+    high = (red << shift(_DROPPED)) | (blue >> shift(_LOW_BLUE))
+    low = (green << shift(_DROPPED)) | (blue & shift((1 << _LOW_BLUE) - 1))
+    return (high << shift(32)) | low
 
 
 @dataclass(frozen=True)
@@ -103,8 +100,10 @@ class PackedColours:
         packed = dr.gather(type(self.words), self.words, index)
         uint: Any = dr.uint32_array_t(type(self.words))
         high, low = uint(packed >> 32), uint(packed)
-        words = high, (high << (32 - _DROPPED)) | (low >> _DROPPED), low << _DROPPED_BLUE
-        return vector_type(single)(*(dr.reinterpret_array(single, word) for word in words))
+        blue = (high << (32 - _DROPPED)) | ((low & ((1 << _LOW_BLUE) - 1)) << _DROPPED)
+        return vector_type(single)(
+            *(dr.reinterpret_array(single, word) for word in (high & _KEPT, low & _KEPT, blue))
+        )
 
 
 Colours = PlainColours | PackedColours
@@ -123,7 +122,10 @@ def colour_table(values: Array, differentiable: bool) -> Colours:
 
 def unpack_colours(packed: np.ndarray) -> np.ndarray:
     """Return the colours of packed words: float32 of shape (..., 3)."""
-    red, green = (packed >> np.uint64(bits) for bits in (32, _DROPPED))
-    words = np.stack([red, green, packed << np.uint64(_DROPPED_BLUE)], axis=-1).astype(np.uint32)
-    words[words & np.uint32(_SIZE) < _SMALLEST] = 0  # as kernels take them
-    return words.view(np.float32)
+    high = (packed >> np.uint64(32)).astype(np.uint32)
+    low = packed.astype(np.uint32)  # keeps the lower half
+    blue = (high << np.uint32(32 - _DROPPED)) | (
+        (low & np.uint32((1 << _LOW_BLUE) - 1)) << np.uint32(_DROPPED)
+    )
+    kept = np.uint32(_KEPT)
+    return np.stack([high & kept, low & kept, blue], axis=-1).view(np.float32)
