@@ -86,8 +86,8 @@ def test_narrow_lobes_are_measured_where_they_are(name):
     brdf, angle, width = LOBES[name]
     pairs = lobe(angle, width)
     found = made(scanned(brdf, 200))
-    assert off(brdf, found, pairs).mean() < 0.08
-    assert energy(brdf, found, pairs) == pytest.approx(1.0, abs=0.05)
+    assert off(brdf, found, pairs).mean() < 0.02
+    assert energy(brdf, found, pairs) == pytest.approx(1.0, abs=0.02)
     around = displayed_pairs(2000, REACH, REACH, 9)
     assert np.percentile(off(brdf, found, around), 95) < 0.03
 

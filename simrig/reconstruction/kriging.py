@@ -23,6 +23,7 @@ from simrig.reconstruction.result import Reconstructed
 _ISOTROPIC_NODES, _ANISOTROPIC_NODES = 240_000, 1_500_000  # at most
 _FEWEST_NODES = {True: 20_000, False: 240_000}  # isotropic or not
 _NODES_PER_SAMPLE = {True: 60, False: 120}
+_USUAL_RATIO = 10.0  # of the lengths of the covariance along theta_h and theta_d, at most
 _TRIED_NODES, _FAR_APART = 500, 0.3  # lengths of the covariance between nodes of one block
 _PROFILE_NODES = 1500  # of a curve over theta_h, some four to each of its own
 # of 2 × 2 × 2 (× 2) nodes together; measured isotropic materials change within few samples
@@ -66,7 +67,7 @@ def _contradicted(samples: Samples, model: KrigingModel) -> list[str]:
 def tabulated(model: KrigingModel, name: str) -> HalfDifferenceTable:
     """Return a table of a model; blocks of up to 2 × 2 × 2 × 2 nodes share their neighbours."""
     symmetry, stretch = model.symmetry, model.coordinates.stretch
-    shape = table_shape(symmetry, len(model.samples))
+    shape = table_shape(symmetry, len(model.samples), _moved(model))
     stretch_d = model.coordinates.stretch_d
     axes = node_angles(shape, symmetry, stretch, stretch_d)
     sizes = _block_sizes(model, axes)
@@ -129,12 +130,28 @@ def _curve(model: KrigingModel) -> np.ndarray | None:
     return model.profile(model.coordinates.stretch.inverse(np.linspace(0.0, 1.0, _PROFILE_NODES)))
 
 
-def table_shape(symmetry: Symmetry, samples: int) -> tuple[int, int, int, int]:
-    """Return how many nodes a table has along theta_h, phi_h, theta_d and phi_d."""
+def _moved(model: KrigingModel) -> float:
+    """Return by how much nodes are denser along theta_d, and fewer along theta_h, than usually.
+
+    More than 1 where a material changes much faster along theta_d: light that goes back.
+    """
+    along_h, along_d = model.coordinates.lengths[:2]
+    if not model.symmetry.isotropic:
+        return 1.0
+    return float(np.clip((along_h / along_d / _USUAL_RATIO) ** 0.4, 1.0, 4.0))
+
+
+def table_shape(symmetry: Symmetry, samples: int, moved: float = 1.0) -> tuple[int, int, int, int]:
+    """Return how many nodes a table has along theta_h, phi_h, theta_d and phi_d.
+
+    Args:
+        moved: factor of the nodes along theta_d, taken from those along theta_h.
+    """
     isotropic = symmetry.isotropic
     ratios = np.array(_ISOTROPIC_SHAPE if isotropic else _ANISOTROPIC_SHAPE)
     most = _ISOTROPIC_NODES if isotropic else _ANISOTROPIC_NODES
     (turn_h, turn_d), folded = symmetry.extent, symmetry.folded
+    ratios *= (1.0 / moved, 1.0, moved, 1.0)
     ratios[1] *= 1.0 if isotropic else turn_h / (2.0 * np.pi) * (0.5 if folded[0] else 1.0)
     ratios[3] *= turn_d / (2.0 * np.pi) * (0.5 if folded[1] else 1.0)
     if symmetry.bivariate:
