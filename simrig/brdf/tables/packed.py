@@ -7,7 +7,7 @@ The packed table carries no derivatives.
 
 Red and green stand in place in the two 32-bit words, so that one mask each unpacks them; blue
 fills the 11 and 10 bits that are left. Without the masks, with kept bits chosen so that the whole
-word is nearest, a table takes 5 % fewer instructions and no less time, but grey is not grey then,
+word is nearest, a table takes 5 % fewer instructions, but grey is not grey then,
 and what 12 bits hold is not exact.
 """
 
