@@ -14,6 +14,7 @@ from simrig.database.known import known
 from simrig.database.patterns import (
     Subspaces,
     axial_and_diagonal,
+    most_average,
     most_similar,
     reference_pattern,
     template_pattern,
@@ -60,6 +61,10 @@ def test_the_reference_pattern_beats_the_uniform_one() -> None:
         assert sum(map(len, reference)) == count
         assert len({(k, n) for k, own in enumerate(reference) for n in own}) == count
         assert _error(spaces, reference) < _error(spaces, uniform)
+    shorter = reference_pattern(spaces, 80)
+    assert reference_pattern(spaces, 200, begun=shorter) == reference
+    turned = reference_pattern(spaces.compressed(), 200, begun=most_average(spaces))
+    assert turned == reference
     moved = reference_pattern(spaces, 80, passes=1)
     assert sum(map(len, moved)) == 80
     refused("a pattern has 10 to", reference_pattern, spaces, 5)

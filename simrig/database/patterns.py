@@ -18,6 +18,7 @@ from simrig.core.errors import SimrigError
 Pattern = list[list[int]]  # numbers of the nodes of each subspace
 _LINEAR_FROM = 8  # samples from which on a spline has linear terms
 _RIDGE = 1e-8
+_LOST = 1e-7
 RESOLUTIONS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 
 
@@ -48,6 +49,16 @@ class Subspaces:
             found.append(np.concatenate([b.reshape(-1, 3) for b in blocks], axis=1))
         return cls(n, m, tuple(v.astype(np.float64) for v in found))
 
+    def compressed(self) -> Subspaces:
+        """Return the same with each subspace's channels turned to their principal axes, those kept
+        that hold all but 1e-7 of its squares: sums of squared errors are the same, and cheaper."""
+        found = []
+        for v in self.values:
+            squares, axes = np.linalg.eigh(v.T @ v)
+            lost = np.cumsum(np.maximum(squares, 0.0)) <= _LOST * max(float(squares.sum()), 1e-300)
+            found.append(v @ axes[:, ~lost])
+        return Subspaces(self.thetas, self.azimuths, tuple(found))
+
     def table(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
         """Return the whole table (n, n, m, m, 3) of values of the subspaces."""
         n, m = self.thetas, self.azimuths
@@ -75,7 +86,7 @@ class Subspaces:
         system[range(count, count + extra), range(count, count + extra)] -= _RIDGE
         right = np.concatenate([values, np.zeros((extra, values.shape[1]))])
         weights = np.linalg.solve(system, right)
-        made: np.ndarray = kernel[:, index] @ weights[:count] + linear @ weights[count:]
+        made: np.ndarray = kernel[index].T @ weights[:count] + linear @ weights[count:]
         return made
 
     def filled(self, pattern: Pattern, truth: Subspaces | None = None) -> list[np.ndarray]:
@@ -109,13 +120,16 @@ def _kernel(size: int, azimuths: int) -> tuple[np.ndarray, np.ndarray]:
     return kernel, np.concatenate([np.ones((size, 1)), points], axis=1)
 
 
-def reference_pattern(spaces: Subspaces, count: int, passes: int = 0) -> Pattern:
+def reference_pattern(
+    spaces: Subspaces, count: int, passes: int = 0, begun: Pattern | None = None
+) -> Pattern:
     """Return the pattern of Alg. 7.1 for one table, or for the channels of many (*global*).
 
     Args:
         spaces: the truth.
         count: of samples, at least one for each subspace.
         passes: how often each sample is taken out and placed again (steps 6 and 7).
+        begun: a pattern of fewer samples, without passes, which this one goes on with.
 
     Raises:
         SimrigError: fewer samples than subspaces, or more than nodes.
@@ -123,7 +137,7 @@ def reference_pattern(spaces: Subspaces, count: int, passes: int = 0) -> Pattern
     sizes = [len(v) for v in spaces.values]
     if not len(sizes) <= count <= sum(sizes):
         raise SimrigError(f"a pattern has {len(sizes)} to {sum(sizes)} samples, got {count}")
-    pattern = [[int(np.argmin(np.abs(v - v.mean(axis=0)).sum(axis=1)))] for v in spaces.values]
+    pattern = [list(chosen) for chosen in begun or most_average(spaces)]
     state = Refined(spaces, pattern)
     while sum(map(len, pattern)) < count:
         state.add()
@@ -135,6 +149,11 @@ def reference_pattern(spaces: Subspaces, count: int, passes: int = 0) -> Pattern
                     state.refresh(number)
                     state.add()
     return pattern
+
+
+def most_average(spaces: Subspaces) -> Pattern:
+    """Return the node of each subspace that is nearest to its mean: step 1 of Alg. 7.1."""
+    return [[int(np.argmin(np.abs(v - v.mean(axis=0)).sum(axis=1)))] for v in spaces.values]
 
 
 class Refined:
@@ -172,7 +191,7 @@ def uniform_pattern(spaces: Subspaces, count: int) -> Pattern:
     """
     levels = [_levels(len(v), spaces.azimuths) for v in spaces.values]
     errors = [
-        [float(np.mean((spaces.reconstructed(k, c, v[c]) - v) ** 2)) * len(v) for c in own]
+        [float(np.sum((spaces.reconstructed(k, c, v[c]) - v) ** 2)) for c in own]
         for k, (v, own) in enumerate(zip(spaces.values, levels, strict=True))
     ]
     at = [0] * len(levels)

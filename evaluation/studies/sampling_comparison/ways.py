@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -17,8 +17,10 @@ from simrig.database import design, linear
 from simrig.database.grid import EPSILON
 from simrig.database.known import Known
 from simrig.database.patterns import (
+    Pattern,
     Subspaces,
     axial_and_diagonal,
+    most_average,
     most_similar,
     pairs,
     reference_pattern,
@@ -53,6 +55,8 @@ class Stage:
     known: Known
     number: int
     left_out: tuple[int, ...]
+    _patterns: dict[int, Pattern] = field(default_factory=dict)
+    _rows: dict[int, np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def truth(self) -> DenseTable:
@@ -81,6 +85,11 @@ class Stage:
         return Subspaces(first.thetas, first.azimuths, values)
 
     @cached_property
+    def compressed(self) -> Subspaces:
+        """The same, whose patterns take a tenth of the time."""
+        return self.together.compressed()
+
+    @cached_property
     def process(self) -> RotationProcess:
         """What the database without those held out says."""
         return RotationProcess.of(self.basis)
@@ -89,6 +98,26 @@ class Stage:
     def basis(self) -> SliceBasis:
         """Its basis."""
         return self.known.slices.basis(self.left_out)
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """The joint design of most samples; its first ones are that of fewer."""
+        return design.joint(self.process, max(SPLIT))
+
+    def rows(self, directions: int) -> np.ndarray:
+        """Return the directions of least condition number."""
+        if directions not in self._rows:
+            quick = {"starts": 1, "restarts": 2} if directions > 20 else {}
+            self._rows[directions] = design.least_condition(self.basis, directions, **quick)
+        return self._rows[directions]
+
+    def pattern(self, spaces: Subspaces, count: int) -> Pattern:
+        """Return the pattern of Alg. 7.1, which goes on with the last one of fewer samples."""
+        begun = self._patterns.get(id(spaces))
+        if begun is None or sum(map(len, begun)) > count:
+            begun = most_average(self.together if spaces is self.compressed else spaces)
+        self._patterns[id(spaces)] = reference_pattern(spaces, count, begun=begun)
+        return self._patterns[id(spaces)]
 
     def errors(self, made: np.ndarray | Brdf) -> dict[str, float]:
         """Return how far a table, or a BRDF at its nodes, is from the truth.
@@ -138,16 +167,16 @@ def _nodes(table: DenseTable) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _uniform(stage: Stage, count: int) -> tuple[np.ndarray, int]:
-    pattern = uniform_pattern(stage.together, count)
+    pattern = uniform_pattern(stage.compressed, count)
     return _filled(stage, pattern)
 
 
 def _global(stage: Stage, count: int) -> tuple[np.ndarray, int]:
-    return _filled(stage, reference_pattern(stage.together, count - ALIGNMENT), ALIGNMENT)
+    return _filled(stage, stage.pattern(stage.compressed, count - ALIGNMENT), ALIGNMENT)
 
 
 def _adaptive(stage: Stage, count: int) -> tuple[np.ndarray, int]:
-    return _filled(stage, reference_pattern(stage.spaces, count))
+    return _filled(stage, stage.pattern(stage.spaces, count))
 
 
 def _method1(stage: Stage, count: int) -> tuple[np.ndarray, int]:
@@ -157,7 +186,7 @@ def _method1(stage: Stage, count: int) -> tuple[np.ndarray, int]:
     others = np.array([o.values[space][nodes] @ _BRIGHTNESS for o in stage.others])
     similar = stage.others[most_similar(own, others)]
     spent = ALIGNMENT + DIAGONAL
-    return _filled(stage, reference_pattern(similar, count - spent), spent)
+    return _filled(stage, stage.pattern(similar, count - spent), spent)
 
 
 def _method2(stage: Stage, count: int) -> tuple[np.ndarray, int]:
@@ -196,17 +225,19 @@ def _linear_combination(stage: Stage, count: int) -> tuple[np.ndarray, int]:
     return stage.spaces.table(np.split(made, cuts)), count + ALIGNMENT
 
 
-def _slices(stage: Stage, count: int) -> tuple[Brdf, int]:
-    result = METHODS["slices"].run(stage.truth, count)
-    return result.brdf, result.samples
+def _run(name: str) -> Callable[[Stage, int], tuple[Brdf, int]]:
+    def way(stage: Stage, count: int) -> tuple[Brdf, int]:
+        result = METHODS[name].run(stage.truth, count)
+        return result.brdf, result.samples
+
+    return way
 
 
 def _minimal(solver: str) -> Callable[[Stage, int], tuple[Brdf, int]]:
     def way(stage: Stage, count: int) -> tuple[Brdf, int]:
         directions, rotations = SPLIT.get(count, (max(1, count // 8), 8))
         basis = stage.basis
-        quick = {"starts": 1, "restarts": 2} if directions > 20 else {}
-        rows = design.least_condition(basis, directions, **quick)
+        rows = stage.rows(directions)
         phi = 2.0 * np.pi / rotations * np.arange(rotations)
         wi, wv = from_half_difference(*design.rotated(rows, basis, rotations, False).T)
         logs = _logs(stage.truth, wi, wv).reshape(directions, rotations, 3)
@@ -220,7 +251,7 @@ def _minimal(solver: str) -> Callable[[Stage, int], tuple[Brdf, int]]:
 
 
 def _process(stage: Stage, count: int) -> tuple[Brdf, int]:
-    wi, wv = from_half_difference(*design.joint(stage.process, count).T)
+    wi, wv = from_half_difference(*stage.places[:count].T)
     values = stage.truth.eval(wi, wv)
     posterior = Posterior.of(stage.process, wi, wv, values)
     made = slice_table(stage.process.basis.grid, posterior.logs(), "process")
@@ -241,11 +272,12 @@ WAYS: dict[str, tuple[Callable[[Stage, int], tuple[np.ndarray | Brdf, int]], int
     "method1": (_method1, ALIGNMENT + DIAGONAL + 21),
     "method2": (_method2, ALIGNMENT + 320),
     "lin.comb.": (_linear_combination, ALIGNMENT + 10),
-    "slices": (_slices, 55),
+    "slices": (_run("slices"), 55),
     "minimal-ridge": (_minimal("ridge"), 2),
     "minimal-constrained": (_minimal("constrained"), 2),
     "process": (_process, 1),
+    "auto": (_run("auto"), METHODS["auto"].least_samples),
     "adaptive": (_adaptive, 21),
 }
-OURS = ("process",)
+OURS = ("process", "auto")
 ORACLE = ("adaptive",)  # knows the material that it measures
