@@ -188,6 +188,13 @@ def analyse(
     return _read(system, found, mean)
 
 
+def block_values(picture: np.ndarray, lighting: Lighting) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean of channels over the irradiance, and whether it is known, (rows,) each."""
+    system = lighting.system
+    blocked, known = _blocks(picture, lighting, system.factor)
+    return blocked[system.blocks].mean(axis=-1) / system.total[system.blocks], known[system.blocks]
+
+
 def _checked(what: str, picture: np.ndarray, lighting: Lighting) -> np.ndarray:
     picture = np.asarray(picture, dtype=np.float64)
     wanted = (lighting.pixels, lighting.pixels, 3)

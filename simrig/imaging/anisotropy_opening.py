@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,14 +14,20 @@ from scipy.ndimage import (
     median_filter,
     uniform_filter,
 )
-from scipy.special import ndtri
+from scipy.optimize import least_squares
 
 from simrig.core.errors import SimrigError
 
 _DARK = 0.12  # of the opening's median: what lies around it
 _BLUR = 1.0  # pixels
 _INNER = 0.4  # of the width
-_ROUND = 0.9  # least area over that of the circle through the farthest point
+_ROUND = 0.7  # least area over that of the circle as wide
+_SEEN = 0.5  # least share of azimuths that show the rim
+_OBLIQUE = 1.05  # longest axis over the shortest one
+_NONE = (
+    "no round opening stands out of the photograph: say where it is "
+    "(--opening x,y,diameter in pixels)"
+)
 
 
 @dataclass(frozen=True)
@@ -38,21 +45,24 @@ class Opening:
 
 
 def find_opening(photograph: np.ndarray) -> Opening:
-    """Find the bright round opening in dark surroundings.
+    """Find the bright round opening in dark surroundings: its area first, then its rim.
 
     Args:
-        photograph: (height, width, 3) linear RGB.
+        photograph: (height, width, 3) linear RGB; NaN, which is saturated, counts as bright.
 
     Raises:
         SimrigError: nothing bright, or what is bright is not round.
     """
-    grey = np.nan_to_num(np.asarray(photograph, dtype=np.float64).mean(axis=-1), posinf=0.0)
-    smooth = gaussian_filter(median_filter(grey, 3), _BLUR)
-    bright = smooth > 0.5 * np.quantile(smooth, 0.98)
-    if not smooth.max() > 0.0:
+    grey = np.asarray(photograph, dtype=np.float64).mean(axis=-1)
+    brightest = float(np.max(grey, initial=0.0, where=np.isfinite(grey)))
+    if not brightest > 0.0:
         if np.isnan(photograph).any():
             raise SimrigError("the opening is saturated: take the photograph with less exposure")
         raise SimrigError("the photograph is black: take it with the flash, or a longer exposure")
+    smooth = gaussian_filter(
+        median_filter(np.where(np.isfinite(grey), grey, brightest), 3, mode="nearest"), _BLUR
+    )
+    bright = smooth > 0.5 * np.quantile(smooth, 0.98)
     for _ in range(3):  # the level of the opening, then its area
         level = np.median(smooth[bright])
         regions, _ = label(binary_fill_holes(smooth > _DARK * level))
@@ -60,17 +70,62 @@ def find_opening(photograph: np.ndarray) -> Opening:
         counts[0] = 0
         bright = regions == int(np.argmax(counts))
     rows, columns = np.nonzero(bright)
-    x, y = float(columns.mean()), float(rows.mean())
-    radius = float(np.sqrt(len(rows) / np.pi))
-    farthest = float(np.hypot(columns - x, rows - y).max()) + 0.5
-    height, width = grey.shape
-    cut = min(x, y, width - 1 - x, height - 1 - y) < 0.9 * radius
-    if radius < 10.0 or cut or (radius / farthest) ** 2 < _ROUND:
+    found = Opening(
+        float(0.5 * (columns.min() + columns.max())),
+        float(0.5 * (rows.min() + rows.max())),
+        float(max(np.ptp(columns), np.ptp(rows)) + 1),
+    )
+    if len(rows) < _ROUND * np.pi * (0.5 * found.diameter) ** 2 or found.diameter < 20.0:
+        raise SimrigError(_NONE)
+    for _ in range(3):
+        found = _rim(smooth, found)
+    return found
+
+
+def _rim(smooth: np.ndarray, about: Opening) -> Opening:
+    """Return the circle through the points of each azimuth where half of the level is reached.
+
+    Harmonics of the rim's radius over the azimuth: the first is a shift, the second an ellipse.
+    """
+    radius = 0.5 * about.diameter
+    azimuth = np.deg2rad(np.arange(0.0, 360.0, 0.5))[:, None]
+    radii = np.linspace(0.85, 1.15, 2 * round(0.3 * radius) + 21) * radius
+    places = [about.y + radii * np.sin(azimuth), about.x + radii * np.cos(azimuth)]
+    along = map_coordinates(smooth, places, order=1, mode="constant", cval=np.nan)
+    depth = np.maximum(np.array([0.03, 0.07, 0.12]) * radius, [3.0, 6.0, 9.0])
+    near, far = (
+        np.median(along[:, (radii < radius - low) & (radii > radius - high)], axis=1)
+        for low, high in itertools.pairwise(depth)
+    )
+    # the level at the rim itself: light falls off towards it
+    inner = near + (near - far) * (depth[0] + depth[1]) / (depth[2] - depth[0])
+    outer = np.median(along[:, radii > 1.06 * radius], axis=1)
+    above = along > 0.5 * (inner + outer)[:, None]
+    last = len(radii) - 1 - np.argmax(above[:, ::-1], axis=1)  # NaN is not above
+    known = (inner > 2.0 * outer) & (last > 0) & (last < len(radii) - 1)
+    if known.mean() < _SEEN:
+        raise SimrigError(_NONE)
+    row, at = np.flatnonzero(known), last[known]
+    high, low = along[row, at], along[row, at + 1]
+    share = (high - 0.5 * (inner + outer)[known]) / (high - low)
+    away = radii[at] + share * (radii[1] - radii[0]) - radius
+    phi = azimuth[known, 0]
+    matrix = np.stack([phi**0, *(f(k * phi) for k in (1, 2) for f in (np.cos, np.sin))], axis=-1)
+    start = np.r_[np.median(away), np.zeros(4)]
+    fit = least_squares(
+        lambda x: matrix @ x - away, start, lambda _: matrix, loss="cauchy", f_scale=0.5
+    ).x
+    own = radius + float(fit[0])
+    on_rim = np.abs(matrix @ fit - away) < max(1.5, 0.02 * radius)
+    if on_rim.sum() < _SEEN * len(azimuth) or not 0.7 < own / radius < 1.3:
+        raise SimrigError(_NONE)
+    ratio = 1.0 + 2.0 * float(np.hypot(fit[3], fit[4])) / own
+    if ratio > _OBLIQUE:
         raise SimrigError(
-            "no round opening stands out of the photograph: say where it is "
-            "(--opening x,y,diameter in pixels)"
+            f"the opening is an ellipse, {ratio:.2f} times as long as wide: photograph it along "
+            "the mirror's axis, with square pixels, or say where it is (--opening)"
         )
-    return Opening(x, y, 2.0 * (radius - _BLUR * float(ndtri(1.0 - _DARK))))
+    return Opening(about.x + float(fit[1]), about.y + float(fit[2]), 2.0 * own)
 
 
 def cut_out(

@@ -12,6 +12,7 @@ from simrig.core.errors import SimrigError
 from simrig.files.pictures.reader import read_picture
 from simrig.imaging.anisotropy import Anisotropy, analyse
 from simrig.imaging.anisotropy_opening import Opening, cut_out, find_opening
+from simrig.imaging.anisotropy_placing import settle
 from simrig.rigs.reflector.alignment import align, gathered
 from simrig.rigs.reflector.folded import fold
 from simrig.rigs.reflector.lighting import lighting_of
@@ -89,9 +90,11 @@ def analyse_photograph(
         own = gathered(own, cut_out(clear, circle, PIXELS), even=reference is not None)
     if reference is not None and (opening is None or flash_azimuth_deg is None):
         own, circle = align(own, reference, circle, PIXELS)
+    lighting = lighting_of(fold(own, PIXELS))
+    if reference is None and opening is None:
+        circle = settle(photograph, circle, lighting)
     picture = cut_out(photograph, circle, PIXELS)
     even = None if reference is None else cut_out(reference, circle, PIXELS)
-    lighting = lighting_of(fold(own, PIXELS))
     _ = lighting.system  # of the instrument, not of the picture
     elapsed = stopwatch()
     found = analyse(picture, lighting, even)
