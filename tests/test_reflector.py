@@ -235,11 +235,14 @@ def test_opening_is_found_and_cut_out() -> None:
     inside = np.hypot(columns - 230.3, rows - 190.7) < 120.0
     photograph = np.where(inside, 0.5 + 0.001 * columns, 0.001)[..., None].repeat(3, axis=-1)
     found = find_opening(photograph)
-    assert (found.x, found.y, found.diameter) == pytest.approx((230.3, 190.7, 240.0), abs=0.7)
+    assert (found.x, found.y, found.diameter) == pytest.approx((230.3, 190.7, 240.0), abs=0.2)
     cut = cut_out(photograph, found, 96)
     assert cut[48, 48, 0] == pytest.approx(0.5 + 0.2315, abs=0.01)
     with pytest.raises(SimrigError, match="no round opening"):
         find_opening(np.where(columns > 250, 1.0, 0.0)[..., None].repeat(3, axis=-1))
+    wide = np.hypot((columns - 230.3) / 1.08, rows - 190.7) < 120.0
+    with pytest.raises(SimrigError, match=r"an ellipse, 1\.08"):
+        find_opening(np.where(wide, 0.5, 0.001)[..., None].repeat(3, axis=-1))
     for level, says in ((np.nan, "saturated"), (0.0, "black")):
         with pytest.raises(SimrigError, match=says):
             find_opening(np.where(inside, level, 0.0)[..., None].repeat(3, axis=-1))
@@ -253,8 +256,9 @@ def test_photograph_whose_flash_and_place_are_unknown(folded: Folded) -> None:
     photograph = np.zeros((260, 300, 3))
     photograph[31:223, 62:254] = image
     found = analyse_photograph(photograph, PERFECT)
-    assert found.mirror.flash_azimuth_deg == pytest.approx(70.0, abs=6.0)
-    assert np.degrees(found.anisotropy.modes.found[0].axis) == pytest.approx(105.0, abs=1.5)
+    assert found.mirror.flash_azimuth_deg == pytest.approx(70.0, abs=0.3)
+    assert np.degrees(found.anisotropy.modes.found[0].axis) == pytest.approx(105.0, abs=0.3)
+    assert (found.opening.x, found.opening.y) == pytest.approx((157.5, 126.5), abs=0.1)
 
 
 def test_commands(tmp_path: Path) -> None:

@@ -5,8 +5,10 @@ material, and compared with f_r itself at θ_i = 50°, θ_v = 0: the azimuth of 
 number of its maxima (those of at least 2 % of the largest rise), the width of the main one, and the
 correlation of profiles. Isotropic materials of random gloss count false alarms. Three cameras: one
 without noise; one of 30,000 electrons in each of ten pixels that the picture's pixel stands for
-(``camera``); and that one before a mirror that is tilted, shifted, dusty and uneven, with a picture
-of black paper beside it, aligned by what the picture shows (``imperfect``).
+(``camera``); that one before a mirror that is tilted, shifted, dusty and uneven, with a picture
+of black paper beside it, aligned by what the picture shows (``imperfect``); and a photograph of
+720 × 640 pixels of 30,000 electrons, of an opening and a flash that stand anywhere, with nothing
+beside it (``photograph``).
 
 What of brushed aluminium is seen at θ_i = 50° is no highlight (its profile is flat to 0.1 %): the
 truth of its axis is the lobe's own.
@@ -17,12 +19,13 @@ Source: thesis section 3.1, Figure 3.3.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.brdf.analytic import Lambert, Ward
@@ -40,7 +43,7 @@ from simrig.rigs.reflector.photograph import PIXELS, Analysed, analyse_photograp
 from simrig.viewing.plots import drawn_panel
 from simrig.viewing.reflector import draw_sheet, true_profile
 
-CAMERAS = ("ideal", "camera", "imperfect")
+CAMERAS = ("ideal", "camera", "imperfect", "photograph")
 IMPERFECT: dict[str, Any] = {
     "slope_rms_mrad": 0.3,
     "shift_mm": (0.3, -0.2),
@@ -50,6 +53,9 @@ IMPERFECT: dict[str, Any] = {
     "seed": 4,
 }
 _SENSOR = Sensor((PIXELS, PIXELS), 16, 100.0, 0.2, 50.0, 3e5, PRNU_pct=0.3)  # ten pixels as one
+_ONE = replace(_SENSOR, pixels=(720, 640), K_DN_e=2.0, mu_sat_e=3e4)
+_FINE = 512  # pixels of the opening in a photograph, at most
+_FEWER = 3  # photographs take longer
 _LEAST_RISE = 0.02  # of a maximum over the largest one
 _BLACK = 0.04  # albedo of the paper
 
@@ -75,7 +81,8 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     number = PRESETS["full"]["materials"].index(cell["material"])
     rng = np.random.default_rng([number, CAMERAS.index(cell["camera"])])
     rows = []
-    for index in range(config["rotations"] * (8 if isotropic else 1)):
+    share = _FEWER if cell["camera"] == "photograph" else 1
+    for index in range(-(-config["rotations"] * (8 if isotropic else 1) // share)):
         rotation = float(rng.uniform(0.0, 180.0))
         material = _isotropic(rng) if isotropic else kurt_material(cell["material"])
         row: dict[str, Any] = {"rotation_deg": rotation, "about": material.name}
@@ -90,10 +97,12 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
 
 def photographed(material: Brdf, rotation_deg: float, camera: str, seed: int) -> Analysed:
     """Return what one picture of a material says, seen by a camera of ``CAMERAS``."""
+    if camera == "photograph":
+        return analyse_photograph(_anywhere(material, rotation_deg, seed), Reflector())
     folded = _folded(camera)
     image = picture(folded, material, rotation_deg)
     if camera != "ideal":
-        image = _exposed(image, folded, seed)
+        image = _exposed(image, folded.inside, _SENSOR, seed)
     if camera != "imperfect":
         return analyse_photograph(image, folded.mirror, None, _opening(folded), 0.0)
     paper, mirror, opening = _paper(camera)
@@ -110,7 +119,8 @@ def _folded(camera: str) -> Folded:
 def _paper(camera: str) -> tuple[np.ndarray, Reflector, Opening]:
     """Return the photograph of black paper, taken once, and what it shows of the instrument."""
     folded = _folded(camera)
-    paper = _exposed(picture(folded, Lambert((_BLACK,) * 3)), folded, 999_983)
+    paper = picture(folded, Lambert((_BLACK,) * 3))
+    paper = _exposed(paper, folded.inside, _SENSOR, 999_983)
     shown = analyse_photograph(paper, Reflector(), paper)
     return paper, shown.mirror, shown.opening
 
@@ -120,15 +130,30 @@ def _opening(folded: Folded) -> tuple[float, float, float]:
     return middle, middle, folded.mirror.opening_mm / folded.width_mm * folded.pixels
 
 
-def _exposed(image: np.ndarray, folded: Folded, number: int) -> np.ndarray:
+def _anywhere(material: Brdf, rotation_deg: float, seed: int) -> np.ndarray:
+    """Return a photograph whose flash stands anywhere and whose opening lies anywhere."""
+    rng = np.random.default_rng(seed)
+    folded = fold(Reflector(flash_azimuth_deg=float(rng.uniform(-180.0, 180.0))), _FINE)
+    image = picture(folded, material, rotation_deg)
+    width, height = _ONE.pixels
+    scale = rng.uniform(0.85, 1.0)
+    x, y = (0.5 * n + rng.uniform(-0.05, 0.05) * n for n in (width, height))
+    rows, columns = np.mgrid[:height, :width]
+    places = [(own - at) / scale + 0.5 * (_FINE - 1) for own, at in ((rows, y), (columns, x))]
+    seen = [map_coordinates(image[..., c], places, order=1) for c in range(3)]
+    inside = map_coordinates(folded.inside.astype(np.float64), places, order=1) > 0.5
+    return _exposed(np.stack(seen, axis=-1), inside, _ONE, seed)
+
+
+def _exposed(image: np.ndarray, inside: np.ndarray, sensor: Sensor, number: int) -> np.ndarray:
     """Return a picture as a sensor sees it, brighter than 98 % of it saturated; NaN there."""
-    level = float(np.quantile(image[folded.inside].max(axis=-1), 0.98))
+    level = float(np.quantile(image[inside].max(axis=-1), 0.98))
     shown = np.empty_like(image)
     for c in range(3):
-        rate = image[..., c] / level * 0.95 * _SENSOR.saturation_e
-        raw = _SENSOR.expose(rate, 1.0, number, frame=c)
-        values = (raw.astype(np.float64) - _SENSOR.black_DN) / _SENSOR.K_DN_e
-        values[raw >= _SENSOR.black_DN + 0.99 * _SENSOR.saturation_e * _SENSOR.K_DN_e] = np.nan
+        rate = image[..., c] / level * 0.95 * sensor.saturation_e
+        raw = sensor.expose(rate, 1.0, number, frame=c)
+        values = (raw.astype(np.float64) - sensor.black_DN) / sensor.K_DN_e
+        values[raw >= sensor.black_DN + 0.99 * sensor.saturation_e * sensor.K_DN_e] = np.nan
         shown[..., c] = values
     return shown
 

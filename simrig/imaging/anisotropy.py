@@ -17,6 +17,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
+from scipy.sparse import csr_array
 
 from simrig.core.errors import SimrigError
 from simrig.imaging.anisotropy_gains import Side, Solution, solve, unevenness
@@ -100,7 +101,9 @@ class System:
 
     def profile_basis(self, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """Return what gives f_r from the unknowns, (n, unknowns)."""
-        basis = _basis(self.knots, theta, phi, np.zeros((len(theta), 2)))
+        count = len(theta)
+        each = np.ones(count), np.arange(count), count
+        basis = _basis(self.knots, theta, phi, np.zeros((count, 2)), *each)
         return np.pad(basis, ((0, 0), (0, self.matrix.shape[1] - basis.shape[1])))
 
 
@@ -236,20 +239,35 @@ def _basis(
     theta: np.ndarray,
     phi: np.ndarray,
     view: np.ndarray,
+    weight: np.ndarray,
+    group: np.ndarray,
+    groups: int,
 ) -> np.ndarray:
-    def splines(own: np.ndarray) -> np.ndarray:
+    """Return weighted sums by group of what gives f_r from the unknowns, (groups, unknowns).
+
+    A place has four splines that are not zero: sums are products with sparse matrices.
+    """
+    count = len(theta)
+
+    def summed(own: np.ndarray, factors: np.ndarray) -> np.ndarray:
         inside = np.clip(theta, own[0], np.nextafter(own[-1], 0.0))
-        return np.asarray(BSpline.design_matrix(inside, own, _DEGREE).toarray())
+        splines = csr_array(BSpline.design_matrix(inside, own, _DEGREE))
+        number = len(own) - _DEGREE - 1
+        place = splines.indices.reshape(count, -1) + number * group[:, None]
+        values = splines.data.reshape(count, -1) * weight[:, None]
+        column = np.repeat(np.arange(count), place.shape[1])
+        shape = (groups * number, count)
+        gathered = csr_array((values.ravel(), (place.ravel(), column)), shape=shape)
+        return np.asarray(gathered @ factors).reshape(groups, number, -1)
 
     angles = 2.0 * np.arange(1, _HARMONICS + 1) * phi[:, None]
     around = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
-    bent = splines(knots[1])[:, :, None] * around[:, None, :]
     tilts = 100.0 * np.stack(
         [view[:, 0], 100.0 * view[:, 0] ** 2, 100.0 * view[:, 1] ** 2], axis=-1
     )
-    tilted = splines(knots[2])[:, None, :] * tilts[:, :, None]
-    parts = [splines(knots[0]), bent.reshape(len(phi), -1), tilted.reshape(len(phi), -1)]
-    return np.concatenate(parts, axis=1)
+    parts = [summed(knots[0], np.ones((count, 1))), summed(knots[1], around),
+             summed(knots[2], tilts).swapaxes(1, 2)]  # fmt: skip
+    return np.concatenate([own.reshape(groups, -1) for own in parts], axis=1)
 
 
 def _system(lighting: Lighting) -> System:
@@ -282,25 +300,23 @@ def _system(lighting: Lighting) -> System:
         _knots(_RADIAL, low, high),
         _knots(_TILTED, low, high),
     )
-    basis = _basis(knots, theta, lighting.phi_h[by_mirror], lighting.view[by_mirror])
-    basis *= lighting.irradiance[by_mirror, None]
-    place = (np.cumsum(kept) - 1)[block]  # the row of a block
+    place, rows = (np.cumsum(kept) - 1)[block], int(kept.sum())  # the row of a block
     # light that crosses the axis on its way came from the far side of the mirror
     x, y = (2.0 * (v[by_mirror] + 0.5) / lighting.pixels - 1.0 for v in (column, row))
-    phi = lighting.phi_h[by_mirror]
-    near = x * np.cos(phi) > y * np.sin(phi)
-    sides = []
-    for own in (near, ~near):
-        light = np.column_stack([lighting.irradiance[by_mirror][own], basis[own]])
-        summed = _summed(light, place[by_mirror][own], int(kept.sum())) / total[kept, None]
-        sides.append((summed[:, 0], summed[:, 1:]))
+    phi, light = lighting.phi_h[by_mirror], lighting.irradiance[by_mirror]
+    group = place[by_mirror] + rows * (x * np.cos(phi) <= y * np.sin(phi))
+    basis = _basis(knots, theta, phi, lighting.view[by_mirror], light, group, 2 * rows)
+    basis = basis.reshape(2, rows, -1) / total[kept, None]
+    share = np.bincount(group, light, 2 * rows).reshape(2, rows) / total[kept]
+    sides = list(zip(share, basis, strict=True))
     matrix = sides[0][1] + sides[1][1]
     direct = ~lighting.mirrored & kept[block]
     x, y = (2.0 * (v[direct] + 0.5) / lighting.pixels - 1.0 for v in (column, row))
     powers = [(i, j) for i in range(_PEDESTAL + 1) for j in range(_PEDESTAL + 1 - i)]
     smooth = np.stack([x**i * y**j for i, j in powers], axis=-1)
-    pedestal = _summed(smooth * lighting.irradiance[direct, None], place[direct], int(kept.sum()))
-    matrix = np.concatenate([matrix, pedestal / total[kept, None]], axis=1)
+    smooth *= lighting.irradiance[direct, None]
+    pedestal = [np.bincount(place[direct], own, rows) for own in smooth.T]
+    matrix = np.concatenate([matrix, np.stack(pedestal, axis=-1) / total[kept, None]], axis=1)
     order = np.tile(np.arange(1, _HARMONICS + 1) / _FALL_OFF, 2)
     expected = np.r_[
         np.full(_EVEN, _EXPECTED),
@@ -320,16 +336,6 @@ def _system(lighting: Lighting) -> System:
         expected,
         (float(low), float(high)),
     )
-
-
-def _summed(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
-    """Return the sum of rows by their group, (groups, ...)."""
-    order = np.argsort(group, kind="stable")
-    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
-    summed = np.zeros((groups, values.shape[1]))
-    if len(order):
-        summed[group[order][starts]] = np.add.reduceat(values[order], starts, axis=0)
-    return summed
 
 
 def _read(system: System, found: Solution, mean: float) -> Anisotropy:

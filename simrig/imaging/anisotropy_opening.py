@@ -129,7 +129,11 @@ def _rim(smooth: np.ndarray, about: Opening) -> Opening:
 
 
 def cut_out(
-    photograph: np.ndarray, opening: Opening, pixels: int, margin: float = 1.1
+    photograph: np.ndarray,
+    opening: Opening,
+    pixels: int,
+    margin: float = 1.1,
+    turn_deg: float = 0.0,
 ) -> np.ndarray:
     """Return a square picture around an opening, (pixels, pixels, 3), NaN beyond the photograph.
 
@@ -138,6 +142,7 @@ def cut_out(
         opening: in it.
         pixels: along each side.
         margin: width of the picture over the opening's.
+        turn_deg: of the square in the photograph, counter-clockwise.
 
     Raises:
         SimrigError: an opening that is too small for that, or outside the photograph.
@@ -159,7 +164,9 @@ def cut_out(
     clean = np.where(good[..., None], photograph, 0.0)
     share = uniform_filter(good.astype(np.float64), box)
     along = (np.arange(pixels) + 0.5 - 0.5 * pixels) * scale
-    rows, columns = np.meshgrid(opening.y + along, opening.x + along, indexing="ij")
+    down, right = np.meshgrid(along, along, indexing="ij")
+    cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    rows, columns = opening.y + cos * down - sin * right, opening.x + cos * right + sin * down
     cut = np.empty((pixels, pixels, 3))
     for c in range(3):
         filtered = uniform_filter(clean[..., c].astype(np.float64), box)

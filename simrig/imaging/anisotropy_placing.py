@@ -1,53 +1,61 @@
-"""Where the opening lies, by what the picture itself repeats: alignment without a reference."""
+"""How a picture is turned, by what it repeats itself: alignment without a reference."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize_scalar
 
+from simrig.core.blas import one_thread
 from simrig.imaging.anisotropy import Lighting, block_values
 from simrig.imaging.anisotropy_opening import Opening, cut_out
 
-_ROUNDS = 4
-_STEP = 0.1  # pixels of the picture that is cut out
-_LARGEST = 0.5  # of those in a round
+_LARGEST_DEG = 14.0
+_STEP_DEG = 1.0
+_EXACT_DEG = 0.02
+_CLEAR = 0.5  # least share of what was unexplained that a turn leaves
 _NOISE = 1e-5  # variance of the values, for what is expected of the unknowns
 
 
-def settle(photograph: np.ndarray, opening: Opening, lighting: Lighting) -> Opening:
-    """Return the opening in which most of the picture is explained by a material.
+@one_thread()
+def turn_of(photograph: np.ndarray, opening: Opening, lighting: Lighting) -> float:
+    """Return by how many degrees, counter-clockwise, the light of a photograph is turned.
 
-    A picture that is moved or widened shows rings and caustics where no material can have any.
-    Gauss-Newton steps on what the least squares leave.
+    Light that is turned against the model's shows rings and caustics where no material can have
+    any: the turn is that which leaves least of the picture unexplained. Highlights that are sharper
+    than the unknowns can be leave much of it anyway; then nothing is turned.
 
     Args:
         photograph: (height, width, 3) linear RGB, NaN where unknown.
-        opening: where it is to within a pixel or so of the picture that is cut out.
-        lighting: of that picture.
+        opening: in it.
+        lighting: of the picture that is cut out, its flash some degrees from the photograph's.
+
+    Returns:
+        The turn, within ±14; 0 where too little of the picture is known, or no turn stands out.
     """
-    system, pixels = lighting.system, lighting.pixels
-    start = opening
-    for _ in range(_ROUNDS):
-        step = _STEP * opening.diameter / pixels
-        tried = [
-            opening,
-            Opening(opening.x + step, opening.y, opening.diameter),
-            Opening(opening.x, opening.y + step, opening.diameter),
-            Opening(opening.x, opening.y, opening.diameter + 2.0 * step),
-        ]
-        seen = [block_values(cut_out(photograph, own, pixels), lighting) for own in tried]
-        known = np.logical_and.reduce([k for _, k in seen])
+    system = lighting.system
+
+    def unexplained(turn_deg: float) -> float:
+        picture = cut_out(photograph, opening, lighting.pixels, turn_deg=turn_deg)
+        seen, known = block_values(picture, lighting)
         if known.sum() < 0.5 * len(known):
-            return start  # the analysis says what is wrong
-        values = np.stack([v[known] / v[known].mean() for v, _ in seen], axis=-1)
+            return 0.0  # the analysis says what is wrong
+        values = seen[known] / seen[known].mean() - 1.0
         matrix = system.matrix[known]
-        factor = cho_factor(matrix.T @ matrix + np.diag(_NOISE / system.expected**2))
-        left = values - 1.0
-        left = left - matrix @ cho_solve(factor, matrix.T @ left)
-        moved = np.linalg.lstsq(left[:, 1:] - left[:, :1], -left[:, 0], rcond=None)[0]
-        dx, dy, wider = np.clip(moved * _STEP, -_LARGEST, _LARGEST) * step / _STEP
-        opening = Opening(
-            float(opening.x + dx), float(opening.y + dy), float(opening.diameter + 2.0 * wider)
-        )
-    far = np.hypot(opening.x - start.x, opening.y - start.y)
-    return opening if far < 0.02 * start.diameter else start
+        gram = system.gram if known.all() else matrix.T @ matrix
+        factor = cho_factor(gram + np.diag(_NOISE / system.expected**2))
+        left = values - matrix @ cho_solve(factor, matrix.T @ values)
+        return float(np.mean(left**2))
+
+    turns = np.arange(-_LARGEST_DEG, _LARGEST_DEG + 0.5 * _STEP_DEG, _STEP_DEG)
+    errors = [unexplained(turn) for turn in turns]
+    least = int(np.argmin(errors))
+    if least in (0, len(turns) - 1):
+        return 0.0
+    found = minimize_scalar(
+        unexplained,
+        bounds=(turns[least - 1], turns[least + 1]),
+        method="bounded",
+        options={"xatol": _EXACT_DEG},
+    )
+    return float(found.x) if found.fun < _CLEAR * np.median(errors) else 0.0

@@ -24,6 +24,7 @@ from simrig.rigs.reflector.mirror import Reflector, follow
 _RINGS, _SECTORS = 120, 540  # of the mesh
 _PHASE = 0.3819660112501051  # no mesh line through a row of pixel centres
 _STEP_MM = 1e-6  # of derivatives by differences: rounding and curvature both below 1e-6
+_LONGEST = 0.6  # of the large opening, that lights one pixel
 _LEAST_SHARE = (
     0.8  # of the light that the pixels must account for; few large ones meet folds by chance
 )
@@ -269,13 +270,17 @@ def _mesh_derivative(
     outward, around = derivative(landing)
     cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
     matrix = np.stack([outward * cos - around * sin, outward * sin + around * cos], axis=-1)
-    determinant = np.linalg.det(matrix)
+    determinant = matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
     fold = np.abs(determinant) < 1e-2 * np.median(np.abs(determinant))
-    inverse = np.linalg.inv(np.where(fold[..., None, None], np.eye(2), matrix))
-    inverse[fold] = 0.0
+    cofactors = np.stack([matrix[..., 1, 1], -matrix[..., 0, 1], -matrix[..., 1, 0],
+                          matrix[..., 0, 0]], axis=-1)  # fmt: skip
+    inverse = cofactors / np.where(fold, np.inf, determinant)[..., None]
     # what a fold needs: how the determinant changes along the entry that moves the landing least
-    gram = np.einsum("...ki,...kj->...ij", matrix, matrix)
-    least = np.linalg.eigh(gram)[1][..., :, 0]
+    squares = np.sum(matrix * matrix, axis=-2)
+    turn = 0.5 * np.arctan2(
+        2.0 * np.sum(matrix[..., 0] * matrix[..., 1], axis=-1), squares[..., 0] - squares[..., 1]
+    )
+    least = np.stack([-np.sin(turn), np.cos(turn)], axis=-1)
     outward, around = derivative(determinant)
     cos, sin = cos[:, 0], sin[:, 0]
     gradient = np.stack([outward * cos - around * sin, outward * sin + around * cos], axis=-1)
@@ -350,6 +355,8 @@ def _lit(
     determinant = np.abs(x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0])
     size = np.sqrt(np.sum(x * x + y * y, axis=-1))
     area = np.maximum(determinant, np.sqrt(bend * size * pixel_mm / 32.0))
+    # at a cusp it does not even bend: no pixel is lit from more than so much of the opening
+    area = np.maximum(area, size * pixel_mm / (_LONGEST * mirror.large_opening_mm))
     irradiance = _flux_density(mirror, source, entry) / np.maximum(area, 1e-9)
     return pixel, towards, irradiance, bounces
 

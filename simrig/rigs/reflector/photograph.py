@@ -12,13 +12,15 @@ from simrig.core.errors import SimrigError
 from simrig.files.pictures.reader import read_picture
 from simrig.imaging.anisotropy import Anisotropy, analyse
 from simrig.imaging.anisotropy_opening import Opening, cut_out, find_opening
-from simrig.imaging.anisotropy_placing import settle
+from simrig.imaging.anisotropy_placing import turn_of
 from simrig.rigs.reflector.alignment import align, gathered
 from simrig.rigs.reflector.folded import fold
 from simrig.rigs.reflector.lighting import lighting_of
 from simrig.rigs.reflector.mirror import Reflector
 
 PIXELS = 192  # of the picture that is cut out; the least squares see blocks of 2 × 2
+# without a reference, which shows the same light through the same pixels, more points of each block
+_FINE = 2
 _WHITE = 0.999  # of the largest value of an integer format: saturated
 
 
@@ -90,10 +92,14 @@ def analyse_photograph(
         own = gathered(own, cut_out(clear, circle, PIXELS), even=reference is not None)
     if reference is not None and (opening is None or flash_azimuth_deg is None):
         own, circle = align(own, reference, circle, PIXELS)
-    lighting = lighting_of(fold(own, PIXELS))
-    if reference is None and opening is None:
-        circle = settle(photograph, circle, lighting)
-    picture = cut_out(photograph, circle, PIXELS)
+    lighting, pixels = lighting_of(fold(own, PIXELS)), PIXELS
+    if reference is None and flash_azimuth_deg is None and own.flash_mm > 0.0:
+        turned = own.flash_azimuth_deg + turn_of(photograph, circle, lighting)
+        own = replace(own, flash_azimuth_deg=turned)
+    if reference is None and circle.diameter >= _FINE * PIXELS:
+        pixels = _FINE * PIXELS
+    lighting = lighting_of(fold(own, pixels))
+    picture = cut_out(photograph, circle, pixels)
     even = None if reference is None else cut_out(reference, circle, PIXELS)
     _ = lighting.system  # of the instrument, not of the picture
     elapsed = stopwatch()
