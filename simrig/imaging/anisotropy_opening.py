@@ -23,7 +23,7 @@ _BLUR = 1.0  # pixels
 _INNER = 0.4  # of the width
 _ROUND = 0.7  # least area over that of the circle as wide
 _SEEN = 0.5  # least share of azimuths that show the rim
-_OBLIQUE = 1.05  # longest axis over the shortest one
+_OBLIQUE = 1.02  # longest axis over the shortest one
 _NONE = (
     "no round opening stands out of the photograph: say where it is "
     "(--opening x,y,diameter in pixels)"
