@@ -89,13 +89,17 @@ def analyse_photograph(
     clear = photograph if reference is None else reference
     circle = find_opening(clear) if opening is None else Opening(*opening)
     if flash_azimuth_deg is None and own.flash_mm > 0.0:
-        own = gathered(own, cut_out(clear, circle, PIXELS), even=reference is not None)
+        turn = None
+        if reference is None:
+            turn = turn_of(photograph, circle, lighting_of(fold(own, PIXELS)))
+        if turn is None:
+            own = gathered(own, cut_out(clear, circle, PIXELS), even=reference is not None)
+        else:
+            azimuth = (own.flash_azimuth_deg + turn + 180.0) % 360.0 - 180.0
+            own = replace(own, flash_azimuth_deg=azimuth)
     if reference is not None and (opening is None or flash_azimuth_deg is None):
         own, circle = align(own, reference, circle, PIXELS)
-    lighting, pixels = lighting_of(fold(own, PIXELS)), PIXELS
-    if reference is None and flash_azimuth_deg is None and own.flash_mm > 0.0:
-        turned = own.flash_azimuth_deg + turn_of(photograph, circle, lighting)
-        own = replace(own, flash_azimuth_deg=turned)
+    pixels = PIXELS
     if reference is None and circle.diameter >= _FINE * PIXELS:
         pixels = _FINE * PIXELS
     lighting = lighting_of(fold(own, pixels))
