@@ -1,6 +1,7 @@
 """The manual as a site: ``make docs`` builds it into ``output/docs``."""
 
 from importlib.metadata import version as version_of
+from pathlib import Path
 
 project = "simrig"
 author = "the simrig developers"
@@ -18,7 +19,11 @@ html_theme = "furo"
 html_title = "simrig"
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
-nb_execution_mode = "off"
+nb_execution_mode = "cache"  # a notebook that did not change is not run again
+nb_execution_cache_path = str(Path(__file__).parents[1] / "output" / "notebooks")
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
 myst_fence_as_directive = ["mermaid"]  # as other readers of Markdown take such a block
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"

@@ -114,7 +114,7 @@ def test_the_manual_builds_without_a_warning(tmp_path: Path) -> None:
     page = "docs/reference/every_command.md"
     for command in (
         f"typer simrig.cli.app utils docs --name simrig --title Commands --output {page}",
-        "sphinx -q -W --keep-going docs site",
+        "sphinx -q -W --keep-going -D nb_execution_mode=off docs site",
     ):
         done = subprocess.run(
             [sys.executable, "-m", *command.split()],

@@ -23,7 +23,7 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
     Returns:
         ``lines``: for people; ``families``: names, the last shape first; ``why``: one line;
         ``reciprocity``: what was assumed; ``pilot``: quantities with uncertainty and unit;
-        ``predicted_delta_e`` with its range ``likely_delta_e``, and ``predictions``: (samples, ΔE);
+        ``predicted``: in words; ``predicted_delta_e`` with its range ``likely_delta_e``, and ``predictions``: (samples, ΔE);
         ``warnings``.
     """
     shape = shape_of(findings.symmetry)
@@ -33,6 +33,7 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
     count = findings.symmetries[0][0]
     return {
         "lines": [f"family: {why}", reciprocity, findings.predicted()],
+        "predicted": findings.predicted(),
         "families": names,
         "why": why,
         "reciprocity": reciprocity,

@@ -30,6 +30,9 @@ class Pictures(Protocol):
         """Write a BTF file that has some texts as attributes."""
 
 
+_FOUND = {"family": "why", "reconstruction": "predicted"}  # facts, by what a plan found
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurement(Shown):
     """Samples with their cost and provenance; ``np.asarray`` gives the values.
@@ -105,7 +108,7 @@ class Measurement(Shown):
             "rig": str(self.provenance.get("rig", "not told")),
             "cost": str(self.cost),
             "error": self._uncertainty_text(),
-            **({"family": found["why"]} if "why" in found else {}),
+            **{name: found[key] for name, key in _FOUND.items() if key in found},
             "picture": "directions of light (left) and view (right) from above, f_r in colour",
         }
         return Exhibit(f"Measurement of {self.material}", facts, picture)
