@@ -23,8 +23,8 @@ def told(seen: Description, choice: Choice, findings: Findings) -> dict[str, Any
     Returns:
         ``lines``: for people; ``families``: names, the last shape first; ``why``: one line;
         ``reciprocity``: what was assumed; ``pilot``: quantities with uncertainty and unit;
-        ``predicted``: in words; ``predicted_delta_e`` with its range ``likely_delta_e``, and ``predictions``: (samples, ΔE);
-        ``warnings``.
+        ``predicted``: in words; ``predicted_delta_e`` with its range ``likely_delta_e``, and
+        ``predictions``: (samples, ΔE); ``warnings``.
     """
     shape = shape_of(findings.symmetry)
     names = [shape.name, *(family.name for family in choice.families if family.shape is None)]
