@@ -84,7 +84,8 @@ docs: $(READY)
 	@$(BIN)/typer simrig.cli.app utils docs --name simrig --title Commands \
 	--output docs/reference/every_command.md >/dev/null
 	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs output/docs
-	@echo "output/docs/index.html"
+	@$(BIN)/sphinx-build --quiet --fail-on-warning --builder singlehtml docs output/docs/single
+	@echo "output/docs/index.html; on one page: output/docs/single/index.html"
 
 doctor: $(READY)
 	$(BIN)/simrig doctor
