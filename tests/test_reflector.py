@@ -15,6 +15,7 @@ from simrig.brdf.analytic import Lambert, Ward
 from simrig.cli.app import app
 from simrig.core.effects import Overrides, parse_tolerance
 from simrig.core.errors import SimrigError
+from simrig.evaluation.studies import reflector_axes
 from simrig.imaging.anisotropy import analyse
 from simrig.imaging.anisotropy_opening import Opening, cut_out, find_opening
 from simrig.instruments.description import shipped
@@ -314,3 +315,16 @@ def test_a_reference_tells_where_flash_and_opening_are(folded: Folded) -> None:
     assert (found.opening.x, found.opening.y) == pytest.approx((157.5, 126.5), abs=0.1)
     assert found.opening.diameter == pytest.approx(192 / 1.1, abs=0.2)
     assert not found.anisotropy.modes.found
+
+
+def test_study_knows_woven_and_measured_materials(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (woven,) = reflector_axes.run_cell({"rotations": 1}, {"material": "weave2", "camera": "ideal"})
+    assert woven["count"] == woven["true_count"] == 2
+    assert woven["axis_error_deg"] < 0.5
+    monkeypatch.chdir(tmp_path)
+    (absent,) = reflector_axes.run_cell(
+        {"rotations": 1}, {"material": "carpet07", "camera": "ideal"}
+    )
+    assert "there is no file" in absent["refused"]

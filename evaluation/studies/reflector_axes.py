@@ -3,12 +3,13 @@
 Materials at random rotations, photographed by the folded model, analysed without knowledge of the
 material, and compared with f_r itself at θ_i = 50°, θ_v = 0: the azimuth of its largest value, the
 number of its maxima (those of at least 2 % of the largest rise), the width of the main one, and the
-correlation of profiles. Isotropic materials of random gloss count false alarms. Three cameras: one
-without noise; one of 30,000 electrons in each of ten pixels that the picture's pixel stands for
-(``camera``); that one before a mirror that is tilted, shifted, dusty and uneven, with a picture
-of black paper beside it, aligned by what the picture shows (``imperfect``); and a photograph of
-720 × 640 pixels of 30,000 electrons, of an opening and a flash that stand anywhere, with nothing
-beside it (``photograph``).
+correlation of profiles. Materials are Kurt's, threads of two and three directions, and a carpet
+that was measured (its profile smoothed over the 15° between its directions). Isotropic materials of
+random gloss count false alarms. Four cameras: one without noise; one of 30,000 electrons in each of
+ten pixels that the picture's pixel stands for (``camera``); that one before a mirror that is
+tilted, shifted, dusty and uneven, with a picture of black paper beside it, aligned by what the
+picture shows (``imperfect``); and a photograph of 720 × 640 pixels of 30,000 electrons, of an
+opening and a flash that stand anywhere, with nothing beside it (``photograph``).
 
 What of brushed aluminium is seen at θ_i = 50° is no highlight (its profile is flat to 0.1 %): the
 truth of its axis is the lobe's own.
@@ -25,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, uniform_filter1d
 
 from simrig.brdf import KURT_MATERIALS, RESCALED_MATERIALS, kurt_material
 from simrig.brdf.analytic import Lambert, Ward
@@ -35,6 +36,8 @@ from simrig.core.peaks import prominences
 from simrig.core.tables import text_table
 from simrig.evaluation.studies.engine.base import Cell, Config, Row, one_per
 from simrig.evaluation.studies.engine.rows import distinct, where
+from simrig.evaluation.studies.multiaxial import material as woven
+from simrig.files.load import load_material
 from simrig.imaging.anisotropy_opening import Opening
 from simrig.rigs.imaging.sensor import Sensor
 from simrig.rigs.reflector.folded import Folded, fold, picture
@@ -58,6 +61,7 @@ _FINE = 512  # pixels of the opening in a photograph, at most
 _FEWER = 3  # photographs take longer
 _LEAST_RISE = 0.02  # of a maximum over the largest one
 _BLACK = 0.04  # albedo of the paper
+_MEASURED = {"carpet07": ("../shared/data/ubo2014/carpet07_mean_151x151.npz", 15)}  # file, step °
 
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
@@ -66,11 +70,13 @@ PRESETS: dict[str, dict[str, Any]] = {
         "rotations": 2,
     },
     "full": {
-        "materials": [*KURT_MATERIALS, *RESCALED_MATERIALS, "isotropic"],
+        "materials": [
+            *KURT_MATERIALS, *RESCALED_MATERIALS, "isotropic", "weave2", "weave3", *_MEASURED,
+        ],
         "cameras": [*CAMERAS],
         "rotations": 12,
     },
-}
+}  # fmt: skip
 
 cells = one_per(material="materials", camera="cameras")
 
@@ -84,15 +90,23 @@ def run_cell(config: Config, cell: Cell) -> list[dict[str, Any]]:
     share = _FEWER if cell["camera"] == "photograph" else 1
     for index in range(-(-config["rotations"] * (8 if isotropic else 1) // share)):
         rotation = float(rng.uniform(0.0, 180.0))
-        material = _isotropic(rng) if isotropic else kurt_material(cell["material"])
-        row: dict[str, Any] = {"rotation_deg": rotation, "about": material.name}
+        row: dict[str, Any] = {"rotation_deg": rotation, "about": cell["material"]}
         try:
+            material = _isotropic(rng) if isotropic else _material(cell["material"])
+            row["about"] = material.name
             found = photographed(material, rotation, cell["camera"], index + 1000 * number)
         except SimrigError as error:
             rows.append({**row, "refused": str(error)})
             continue
-        rows.append({**row, "refused": "", **_judged(found, material, rotation, isotropic)})
+        judged = {} if isotropic else _judged(found, cell["material"], material, rotation)
+        rows.append({**row, "refused": "", **_said(found), **judged})
     return rows
+
+
+def _material(name: str) -> Brdf:
+    if name in _MEASURED:
+        return load_material(_MEASURED[name][0])
+    return woven(name) if name.startswith("weave") else kurt_material(name)
 
 
 def photographed(material: Brdf, rotation_deg: float, camera: str, seed: int) -> Analysed:
@@ -168,17 +182,20 @@ def _isotropic(rng: np.random.Generator) -> Brdf:
     return Ward(tint, shine, roughness, roughness, name=f"ward {roughness:.3f}")
 
 
-def _judged(found: Analysed, material: Brdf, rotation: float, isotropic: bool) -> dict[str, Any]:
+def _said(found: Analysed) -> dict[str, Any]:
     modes = found.anisotropy.modes
-    row: dict[str, Any] = {
+    return {
         "count": len(modes.found),
         "seconds": found.seconds,
         "significance": modes.significance,
         "modulation": modes.modulation,
     }
-    if isotropic:
-        return row
-    seen = true_profile(material, rotation)
+
+
+def _judged(found: Analysed, name: str, material: Brdf, rotation: float) -> dict[str, Any]:
+    modes, row = found.anisotropy.modes, dict[str, Any]()
+    step = _MEASURED[name][1] if name in _MEASURED else 1
+    seen = uniform_filter1d(true_profile(material, rotation), step, mode="wrap")
     tops = sorted(prominences(seen), key=lambda top: -top[1])
     if (seen.max() - seen.min()) < 2e-3 * seen.mean():  # seen at smaller angles only
         seen = true_profile(material, rotation, 33.0)
