@@ -293,6 +293,7 @@ def test_findings_survive_as_arrays_and_damaged_ones_are_refused():
     ("arguments", "message"),
     [
         ({"samples": 3}, "too few"),
+        ({"samples": 10**9}, "at most 50,000"),
         ({"samples": 100, "until": 0.0}, "above 0"),
         ({"samples": 100, "until": float("nan")}, "above 0"),
         ({"samples": 100, "theta_i_max": 2.0}, "between 0 and 90"),

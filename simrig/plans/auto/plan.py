@@ -32,6 +32,7 @@ from simrig.plans.protocol import Batches, Plan
 if TYPE_CHECKING:
     from simrig.brdf.protocol import Brdf
 
+MOST_SAMPLES = 50_000  # the order of poses and the model take time that grows with the square
 LEAST_SAMPLES = 16
 LARGEST_THETA_I_DEG, LARGEST_THETA_V_DEG = 88.0, 85.0
 _BATCHES = 6
@@ -101,6 +102,11 @@ class AutomaticPlan(Plan):
             raise SimrigError(
                 f"{self.samples} samples are too few for the automatic plan, it needs at least "
                 f"{LEAST_SAMPLES}"
+            )
+        if self.samples > MOST_SAMPLES:
+            raise SimrigError(
+                f"the automatic plan takes at most {MOST_SAMPLES:,} samples, got {self.samples:,}: "
+                "choose another plan for more"
             )
         if self.until is not None and not 0.0 < self.until < float("inf"):
             raise SimrigError(f"the ΔE to stop at must be a number above 0, got {self.until:g}")
