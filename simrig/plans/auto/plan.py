@@ -310,10 +310,15 @@ class _Run:
         return found
 
     def _good_enough(self, model: KrigingModel, until: float) -> bool:
-        """Return whether the ΔE is below a goal in nine of ten measurements."""
+        """Return whether the ΔE is below a goal in nine of ten measurements.
+
+        A prediction that falls faster than samples are added is believed with the next batch.
+        """
         goal = until / LIKELY_BELOW
+        before = [made * taken for taken, made in self.predictions[-1:]]
         self.predictions.append((self.taken, predicted_delta_e(trusted(model))))
-        return self.predictions[-1][1] <= goal and self._predicted(model) <= goal
+        likely = max(self.predictions[-1][1], *(each / self.taken for each in before), 0.0)
+        return likely <= goal and self._predicted(model) <= goal
 
     def _predicted(self, model: KrigingModel) -> float:
         """Return the ΔE that is predicted of what a reconstruction makes of the same samples."""
