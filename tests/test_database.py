@@ -132,6 +132,8 @@ def test_databases_that_cannot_be_are_refused(folder: Path, tmp_path: Path) -> N
         Database.open(tmp_path)
     with pytest.raises(SimrigError, match="two materials"):
         Database.open(f"{folder},{folder}")
+    with pytest.raises(SimrigError, match="empty folder"):
+        Database.open(f"{folder},")
     with pytest.raises(SimrigError, match="fabric002"):
         _ = Database.open(folder)["fabric02"]
     (tmp_path / "database.json").write_text("{}")

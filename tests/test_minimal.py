@@ -18,7 +18,7 @@ from simrig.database.known import Known, known
 from simrig.database.posterior import Posterior
 from simrig.database.process import OPPONENT, RotationProcess
 from simrig.directions.half_difference import from_half_difference
-from simrig.directions.spherical import to_vector
+from simrig.directions.spherical import to_angles, to_vector
 from simrig.files.hdf5 import write_brdf
 from simrig.methods import METHODS
 from simrig.plans.registry import make_plan
@@ -233,6 +233,36 @@ def test_every_layout_is_measured_reconstructed_and_renders(
     elif layout in ("joint", "staggered"):
         refused("same directions at each rotation", METHODS["basis"].reconstruct, measured,
                 solver="ridge")  # fmt: skip
+
+
+def test_directions_about_the_normal_are_the_same_at_each_rotation(
+    small_database: Path, tmp_path: Path
+) -> None:
+    """At theta_h = 0 directions are told by turned azimuths, and by none along the normal."""
+    directions = np.radians(
+        [[0.0, 0.0, 0.0], [0.0, 30.0, 0.0], [0.0, 30.0, 20.0], [50.0, 15.0, 30.0]]
+    )
+    half = np.concatenate([np.insert(directions, 1, turn, axis=1)
+                           for turn in np.arange(8) * np.pi / 4.0])  # fmt: skip
+    (theta_i, phi_i), (theta_v, phi_v) = map(to_angles, from_half_difference(*half.T))
+    pairs = tmp_path / "pairs.txt"
+    order = np.random.default_rng(0).permutation(len(half))
+    for shown, others in ((order, 0), (np.arange(len(half)), 1)):  # whole, and a rotation missing
+        angles = np.degrees(np.column_stack([theta_i, theta_v, phi_i, phi_v]))[shown]
+        np.savetxt(pairs, angles[: len(angles) - others], fmt="%.10f")
+        measured = RIG.measure(
+            kurt_material("fabric139"), make_plan("directions", None, pairs=str(pairs))
+        )
+        for solver in linear.SOLVERS:
+            options = {"solver": solver, "database": str(small_database)}
+            if others:
+                refused("same directions at each rotation", METHODS["basis"].reconstruct, measured,
+                        **options)  # fmt: skip
+            else:
+                made = METHODS["basis"].reconstruct(measured, **options)
+                found = made.brdf.eval(*(to_vector(0.0, 0.0),) * 2)
+                truth = kurt_material("fabric139").eval(*(to_vector(0.0, 0.0),) * 2)
+                assert np.allclose(found, truth, rtol=0.3)
 
 
 def test_a_measurement_stops_at_the_wished_error(small_database: Path) -> None:

@@ -68,11 +68,13 @@ class Database:
         """Return the database of a folder, or of several with commas between.
 
         Raises:
-            SimrigError: no such folder, no material in it, a damaged index, names that are there
-                twice.
+            SimrigError: no such folder, none between commas, no material in it, a damaged index,
+                names that are there twice.
         """
         found: list[Entry] = []
         for part in str(text).split(","):
+            if not part.strip():
+                raise SimrigError(f"database '{text}' names an empty folder: leave out one comma")
             found += _entries(Path(part.strip()))
         names = [entry.name for entry in found]
         twice = next((name for name in names if names.count(name) > 1), None)

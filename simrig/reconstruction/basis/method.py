@@ -104,7 +104,7 @@ def _arranged(
     """Return directions (n, 3), rotations (r,) and the samples (r, n) of a measurement.
 
     A sample at theta_h = 0 tells phi_h + phi_d alone; it belongs to the rotation at which it is one
-    of the directions.
+    of the directions. One along the normal on both sides is at every rotation the same.
     """
     at = to_half_difference(wi, wv)
     specular = at.theta_h < _SAME
@@ -113,29 +113,28 @@ def _arranged(
     cells = np.round(np.mod(at.phi_h[~specular], 2.0 * np.pi) / _SAME)
     turns = np.unique(cells % round(2.0 * np.pi / _SAME)) * _SAME
     turns = turns if len(turns) else np.zeros(1)
-    left, order = list(range(len(places))), []
-    first = [n for n in left if not specular[n] and _agree(at.phi_h[n], turns[0], 2 * np.pi)]
-    wished = len(left) / len(turns)
-    for n in left:  # specular ones that every rotation has
-        if specular[n] and len(first) < wished:
-            own = places[n] - [0.0, 0.0, turns[0]]
-            if all(_match(own, t, places, at.phi_h, specular, left) is not None for t in turns):
-                first.append(n)
-    directions = places[first] - np.outer(specular[first], [0.0, 0.0, turns[0]])
-    for turn in turns:
-        found = []
-        for one in directions:
-            number = _match(one, turn, places, at.phi_h, specular, left)
-            if number is not None:
-                left.remove(number)
-                found.append(number)
-        order.append(found)
-    if left or any(len(found) != len(first) for found in order):
+    left, directions, order = list(range(len(places))), [], []
+    for n in np.argsort(specular, kind="stable"):
+        if n not in left or not (specular[n] or _agree(at.phi_h[n], turns[0], 2.0 * np.pi)):
+            continue
+        one = places[n] - [0.0, 0.0, turns[0] if specular[n] else 0.0]
+        rest, found = left.copy(), []
+        for turn in turns:
+            number = _match(one, turn, places, at.phi_h, specular, rest)
+            if number is None:
+                break
+            rest.remove(number)
+            found.append(number)
+        if len(found) == len(turns):
+            left = rest
+            directions.append(one)
+            order.append(found)
+    if left:
         raise SimrigError(
             f"solver '{solver}' needs the same directions at each rotation of the material: "
             "measure with --layout regular, or use --solver process"
         )
-    return directions, turns, np.array(order)
+    return np.array(directions), turns, np.array(order).T
 
 
 def _match(
@@ -151,7 +150,8 @@ def _match(
     mirror = one[0] < _SAME
     wished = one[2] + turn if mirror else one[2]
     fits = np.all(np.abs(places[among, :2] - one[:2]) < _SAME, axis=1)
-    fits &= _agree(places[among, 2], wished, np.pi) & (specular[among] == mirror)
+    turned = _agree(places[among, 2], wished, np.pi) | (one[1] < _SAME)
+    fits &= turned & (specular[among] == mirror)
     if not mirror:
         fits &= _agree(phi_h[among], turn, 2.0 * np.pi)
     return int(among[np.argmax(fits)]) if fits.any() else None
